@@ -103,6 +103,8 @@ pub(crate) enum Machine {
     ProductionCellUnit(crate::production_cell::UnitArguments),
     /// A neck and two eyes that follow a target, with vision that is not real-time
     Head(crate::head::Arguments),
+    /// The vision of the head, for another computer: `luna demo head --vision ADDR`
+    HeadVision(crate::head::VisionArguments),
     /// A robot with fourteen joints that walks behind a ball
     Tulip(crate::tulip::Arguments),
 }

@@ -1,7 +1,7 @@
 //! `luna demo head`: the humanoid head follows a target.
 
 use crate::alloc::Counting;
-use crate::demo::machine;
+use crate::demo::machine::{self, Apart};
 use crate::failure::Failure;
 use crate::output::Measurement;
 use crate::{args, columns, report};
@@ -11,6 +11,7 @@ use luna::prelude::*;
 use luna_head::parameters::{HEAD, axis_named};
 use luna_head::{Fault, Findings, PICTURE, Place, Settings, Trouble, network};
 use serde::Serialize;
+use std::net::SocketAddr;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -24,10 +25,13 @@ Exit codes: 0 the gaze settled and held as it is to, and no limit was exceeded, 
 
 JSON: deployment, faults, gaze_rms and gaze_worst (degrees), held_drift, stopped_at, stopped_after, duty, changed, axes, seconds; the loops and the rest of `luna demo`.")]
 pub(crate) struct Arguments {
-    /// Where vision runs: on the head's executor below all else, or on a thread that is not
-    /// real-time
+    /// Where vision runs: on the head's executor below all else, on a thread that is not real-time,
+    /// or as a program
     #[arg(long, value_name = "WHERE", default_value = "threads")]
     deploy: Deployment,
+    /// Where vision listens, on another computer: `luna demo head-vision --listen ADDR` there
+    #[arg(long, value_name = "ADDR", conflicts_with_all = ["deploy", "on_virtual_clock"])]
+    vision: Option<SocketAddr>,
     /// How long the head runs, in seconds
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::seconds, allow_negative_numbers = true)]
     seconds: f64,
@@ -51,6 +55,19 @@ enum Deployment {
     Executor,
     /// Vision on a thread of its own
     Threads,
+    /// Vision as a program of its own
+    Programs,
+}
+
+/// The options of `luna demo head-vision`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct VisionArguments {
+    /// Where to listen for the head; ADDR is host:port
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// End with the program that started it
+    #[arg(long, hide = true)]
+    child: bool,
 }
 
 fn fault(text: &str) -> Result<Fault, String> {
@@ -83,28 +100,48 @@ pub(crate) fn run(arguments: &Arguments, allocator: &Counting) -> Result<ExitCod
         at: time * 2 / 5,
         lasts: time / 5,
     });
+    let mut program = None;
+    let place = match (arguments.vision, arguments.deploy) {
+        (Some(address), _) => Place::Program(address),
+        (None, Deployment::Executor) => Place::Executor,
+        (None, Deployment::Threads) => Place::Threads,
+        (None, Deployment::Programs) => {
+            arguments.common.needs_real_clock()?;
+            let vision = Apart::start(&["demo", "head-vision", "--child"])?;
+            Place::Program(program.insert(vision).address)
+        }
+    };
     let settings = Settings {
         time,
         troubles: troubles.collect(),
         policy: arguments.policy,
-        place: match arguments.deploy {
-            Deployment::Executor => Place::Executor,
-            Deployment::Threads => Place::Threads,
-        },
+        place,
     };
     let (machine, report) = arguments.common.run("head", PICTURE, |system| {
         network::build(system, settings).map_err(Failure::Luna)
     })?;
+    drop(program);
     let findings = machine.findings();
     let findings = findings.ok_or_else(|| machine::too_early(&report))?;
     let run = Run {
-        deployment: arguments.deploy,
+        deployment: match arguments.vision {
+            Some(_) => Deployment::Programs,
+            None => arguments.deploy,
+        },
         findings,
         measurement: report::measurement(&report, EXECUTOR, &network::LOOPS, allocator.counts()),
     };
     let is_good = run.findings.is_good();
     let text = || text(&run, &report);
     arguments.common.print(&run, text, is_good)
+}
+
+/// Runs vision until it is asked to end.
+pub(crate) fn run_vision(arguments: &VisionArguments) -> Result<ExitCode, Failure> {
+    let system = machine::system_of_a_part("vision", arguments.child);
+    let listens = |address| machine::print_address("vision", address);
+    let served = network::serve_vision(system, arguments.listen, listens);
+    served.map(|()| ExitCode::SUCCESS).map_err(Failure::Luna)
 }
 
 fn text(run: &Run, report: &Report) -> [String; 3] {

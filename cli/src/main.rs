@@ -78,6 +78,7 @@ fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
         Some(Machine::ProductionCell(arguments)) => return production_cell::run(arguments),
         Some(Machine::ProductionCellUnit(unit)) => return production_cell::run_unit(unit),
         Some(Machine::Head(arguments)) => return head::run(arguments, &ALLOCATOR),
+        Some(Machine::HeadVision(arguments)) => return head::run_vision(arguments),
         Some(Machine::Tulip(arguments)) => return tulip::run(arguments, &ALLOCATOR),
         None => {}
     }

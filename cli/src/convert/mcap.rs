@@ -2,7 +2,7 @@
 //! `Log`, events and losses as topics of their own.
 //!
 //! Messages are JSON with a schema, which all of them read. Times are those of the day where the
-//! recording has them, else those of its clock. The file is compressed by zstd.
+//! recording has them, else those of its clock. The file is compressed by lz4.
 
 use super::recording::each;
 use super::selection::Filter;
@@ -11,7 +11,7 @@ use crate::failure::Failure;
 use luna_logger::format::json::{self, Topic};
 use luna_logger::format::{Level, Losing, Names, Record};
 use mcap::records::MessageHeader;
-use mcap::{WriteOptions, Writer};
+use mcap::{Compression, WriteOptions, Writer};
 use serde_json::json;
 use std::collections::HashMap;
 use std::fs::File;
@@ -59,7 +59,9 @@ struct Channel {
 
 impl Mcap {
     fn new(output: BufWriter<File>) -> mcap::McapResult<Self> {
-        let options = WriteOptions::new().library(concat!("luna ", env!("CARGO_PKG_VERSION")));
+        let options = WriteOptions::new()
+            .library(concat!("luna ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Lz4));
         Ok(Self {
             writer: options.create(output)?,
             signals: HashMap::new(),

@@ -7,9 +7,10 @@ use clap::Args;
 use luna::prelude::*;
 use luna::{Error, Report};
 use serde::Serialize;
+use std::io::{BufRead, BufReader, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::process::ExitCode;
+use std::process::{Child, Command, ExitCode, Stdio};
 
 /// The options that each of these demos has.
 #[derive(Debug, Clone, Args)]
@@ -54,6 +55,18 @@ impl Options {
         Ok((machine, report.map_err(Failure::Luna)?))
     }
 
+    /// # Errors
+    ///
+    /// A virtual clock was asked for: another program does not have it.
+    pub(crate) fn needs_real_clock(&self) -> Result<(), Failure> {
+        match self.on_virtual_clock {
+            true => Err(Failure::Options(
+                "--deploy programs: --virtual is for one program; use --deploy executor or threads",
+            )),
+            false => Ok(()),
+        }
+    }
+
     /// Prints the run, or these parts of text about it, and gives the exit code.
     pub(crate) fn print(
         &self,
@@ -69,6 +82,73 @@ impl Options {
         .map_err(Failure::Output)?;
         Ok(exit::of_a_run(is_good))
     }
+}
+
+/// A part of a machine as a program of its own: this program, started again. It is killed when this
+/// is dropped.
+pub(crate) struct Apart {
+    child: Child,
+    /// Where it listens.
+    pub(crate) address: SocketAddr,
+}
+
+impl Apart {
+    /// Starts it with these words of the command line. Its first line of output is to be the
+    /// address that it listens on, as [`print_address`] prints it.
+    pub(crate) fn start(words: &[&str]) -> Result<Self, Failure> {
+        let failed = |cause: String| {
+            let cause = format!("the program `luna {}`: {cause}", words.join(" "));
+            Failure::Luna(Error::other(cause))
+        };
+        let file = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
+        let child = Command::new(file)
+            .args(words)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|error| failed(error.to_string()))?;
+        let mut apart = Self {
+            child,
+            address: SocketAddr::from(([127, 0, 0, 1], 0)),
+        };
+        let mut line = String::new();
+        if let Some(output) = apart.child.stdout.as_mut() {
+            let read = BufReader::new(output).read_line(&mut line);
+            read.map_err(|error| failed(error.to_string()))?;
+        }
+        let address = line.trim().rsplit(' ').next().unwrap_or_default();
+        apart.address = address
+            .parse()
+            .map_err(|_| failed(format!("its first line has no address: `{}`", line.trim())))?;
+        Ok(apart)
+    }
+}
+
+impl Drop for Apart {
+    fn drop(&mut self) {
+        // It has nothing to end: what it was for is over.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The system of a program that is started by hand, or by [`Apart`] with `--child`: then it ends
+/// with the program that started it.
+pub(crate) fn system_of_a_part(name: &str, is_child: bool) -> System {
+    let mut system = System::new(name);
+    system.announce();
+    if is_child {
+        system.emergency_at_parents_death();
+    }
+    system
+}
+
+/// Prints where a part listens.
+pub(crate) fn print_address(part: &str, address: SocketAddr) {
+    let mut out = std::io::stdout().lock();
+    // Nobody may read it.
+    let _ = writeln!(out, "{part} listens on {address}");
+    let _ = out.flush();
 }
 
 /// The run ended before there was anything to find.

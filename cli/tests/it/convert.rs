@@ -593,7 +593,7 @@ fn mcap_is_read_by_the_readers_of_its_format() {
         summary
             .chunk_indexes
             .iter()
-            .all(|chunk| chunk.compression == "zstd")
+            .all(|chunk| chunk.compression == "lz4")
     );
     assert_eq!(summary.stats.unwrap().message_count, 10);
     let unit = summary

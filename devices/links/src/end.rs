@@ -87,7 +87,7 @@ impl Stop {
 }
 
 /// A device of whatever type, as a link sees it.
-pub(crate) trait Lose: Send {
+pub(crate) trait Lose: Send + Sync {
     /// As [`Device::lost`].
     fn lost(&self, error: Error) -> Error;
 

@@ -61,13 +61,15 @@ pub struct Drive {
 /// The grey values of one camera, line by line.
 pub type Pixels = [u8; PIXELS[0] * PIXELS[1]];
 
-/// What the cameras send to vision.
-#[derive(Clone, Copy)]
-pub struct Image {
-    /// Its number, from 1.
-    pub number: u32,
-    /// Of the left and the right eye.
-    pub eyes: [Pixels; 2],
+luna_links::cycle_data! {
+    /// What the cameras send to vision.
+    #[derive(Clone, Copy)]
+    pub struct Image: "head/image", version 1 {
+        /// Its number, from 1.
+        pub number: u32,
+        /// Of the left and the right eye.
+        pub eyes: [Pixels; 2],
+    }
 }
 
 impl std::fmt::Debug for Image {
@@ -78,12 +80,14 @@ impl std::fmt::Debug for Image {
     }
 }
 
-/// What vision has found in an image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
-    /// The number of the image.
-    pub image: u32,
-    /// Where the target is for the left and the right eye: tangents of the angles to the left and
-    /// up, from the optical axis.
-    pub eyes: [[f64; 2]; 2],
+luna_links::cycle_data! {
+    /// What vision has found in an image.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct Sighting: "head/sighting", version 1 {
+        /// The number of the image.
+        pub image: u32,
+        /// Where the target is for the left and the right eye: tangents of the angles to the left
+        /// and up, from the optical axis.
+        pub eyes: [[f64; 2]; 2],
+    }
 }

@@ -26,6 +26,10 @@
 //!
 //! **The end.** The machine ends after its time. Each other process ends when its inputs are closed.
 
+mod apart;
+
+pub use apart::serve_vision;
+
 use crate::kinematics::Joints;
 use crate::mechanics::{Mechanics, Trouble};
 use crate::messages::{Drive, Image, Readings, Seen, SetPoint, Sighting};
@@ -37,6 +41,7 @@ use crate::safety::Safety;
 use crate::vision;
 use luna::prelude::*;
 use luna::system::Executor;
+use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -60,6 +65,9 @@ pub enum Place {
     Executor,
     /// On a thread of its own, which is not real-time.
     Threads,
+    /// In a program on this computer or another one: [`serve_vision`] at this address. It may end,
+    /// and come back.
+    Program(SocketAddr),
 }
 
 /// How a head is run.
@@ -120,18 +128,28 @@ impl Head {
 /// ```
 pub fn build(system: &mut System, settings: Settings) -> luna::Result<Head> {
     let head = system.executor("head").policy(settings.policy).build()?;
-    let own = match settings.place {
-        Place::Executor => None,
-        Place::Threads => Some(system.executor("vision").policy(Policy::Other).build()?),
-    };
     let (image, images) = newest("images");
     let (sighting, sightings) = newest("sightings");
-    own.as_ref()
-        .unwrap_or(&head)
-        .process("vision")
-        .priority(level::VISION)
-        .spawn(look(images, sighting))?;
+    let mut ordinary = |name| system.executor(name).policy(Policy::Other).build();
+    match settings.place {
+        Place::Executor => vision_on(&head, images, sighting)?,
+        Place::Threads => vision_on(&ordinary("vision")?, images, sighting)?,
+        Place::Program(address) => {
+            let executor = ordinary("vision's link")?;
+            apart::connect(system, &executor, address, (images, sighting))?;
+        }
+    }
     build_head(&head, (image, sightings), settings)
+}
+
+fn vision_on(
+    executor: &Executor,
+    images: Receiver<Image>,
+    sighting: Sender<Sighting>,
+) -> luna::Result<()> {
+    let vision = executor.process("vision").priority(level::VISION);
+    vision.spawn(look(images, sighting))?;
+    Ok(())
 }
 
 fn newest<T: Send>(name: &str) -> (Sender<T>, Receiver<T>) {
