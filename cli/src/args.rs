@@ -107,6 +107,8 @@ pub(crate) enum Machine {
     HeadVision(crate::head::VisionArguments),
     /// A robot with fourteen joints that walks behind a ball
     Tulip(crate::tulip::Arguments),
+    /// The operator of TUlip, for another computer: `luna demo tulip --operator ADDR`
+    TulipOperator(crate::tulip::OperatorArguments),
 }
 
 /// The options of `luna demo`.

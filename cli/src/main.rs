@@ -80,6 +80,7 @@ fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
         Some(Machine::Head(arguments)) => return head::run(arguments, &ALLOCATOR),
         Some(Machine::HeadVision(arguments)) => return head::run_vision(arguments),
         Some(Machine::Tulip(arguments)) => return tulip::run(arguments, &ALLOCATOR),
+        Some(Machine::TulipOperator(arguments)) => return tulip::run_operator(arguments),
         None => {}
     }
     demo::run(&demos.jiwy, &ALLOCATOR)

@@ -1,16 +1,20 @@
 //! `luna demo tulip`: the robot walks behind a ball.
 
 use crate::alloc::Counting;
-use crate::demo::machine;
+use crate::demo::machine::{self, Apart};
 use crate::failure::Failure;
 use crate::output::Measurement;
 use crate::{args, columns, report};
 use clap::{Args, ValueEnum};
 use luna::Report;
 use luna::prelude::*;
+use luna_tulip::messages::Shown;
+use luna_tulip::network::Orders;
 use luna_tulip::parameters::{ROBOT, joint_named};
 use luna_tulip::{Fault, Findings, PICTURE, Place, Settings, Trouble, network};
 use serde::Serialize;
+use std::io::Write;
+use std::net::SocketAddr;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -26,10 +30,13 @@ if and only if a joint failed; 1 not so, or it failed, 2 bad arguments or files.
 JSON: deployment, faults, steps, steps_expected, distance (m), fallen_at, capture_margin (m), exchanges, exchanges_asked,
 lost (slots of the joint loop missed right after an exchange), duty, changed, stopped_at, stopped_after, joints, shown, seconds; the loops and the rest of `luna demo`.")]
 pub(crate) struct Arguments {
-    /// Where the layers run: all on one executor, or the world model and the operator on threads
-    /// that are not real-time
+    /// Where the layers run: all on one executor, the world model and the operator on threads that
+    /// are not real-time, or the operator as a program
     #[arg(long, value_name = "WHERE", default_value = "threads")]
     deploy: Deployment,
+    /// Where the operator listens, on another computer: `luna demo tulip-operator --listen ADDR` there
+    #[arg(long, value_name = "ADDR", conflicts_with_all = ["deploy", "on_virtual_clock"])]
+    operator: Option<SocketAddr>,
     /// How long the robot runs, in seconds; it stands at the begin and at the end
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::seconds, allow_negative_numbers = true)]
     seconds: f64,
@@ -58,6 +65,25 @@ enum Deployment {
     Executor,
     /// The world model and the operator on threads of their own
     Threads,
+    /// So, and the operator as a program of its own
+    Programs,
+}
+
+/// The options of `luna demo tulip-operator`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct OperatorArguments {
+    /// Where to listen for the robot; ADDR is host:port
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// The robot is to walk until then by its own time, in seconds
+    #[arg(long, value_name = "S", default_value = "7.5", value_parser = args::seconds, allow_negative_numbers = true)]
+    walk_until: f64,
+    /// Exchange all joint controllers each so many seconds
+    #[arg(long, value_name = "S", default_value = "1", value_parser = args::seconds, allow_negative_numbers = true)]
+    exchange: f64,
+    /// End with the program that started it
+    #[arg(long, hide = true)]
+    child: bool,
 }
 
 fn fault(text: &str) -> Result<Fault, String> {
@@ -90,29 +116,76 @@ pub(crate) fn run(arguments: &Arguments, allocator: &Counting) -> Result<ExitCod
     let time = Duration::from_secs_f64(arguments.seconds);
     let at = time * 2 / 5;
     let troubles = arguments.fault.iter().copied();
-    let settings = Settings {
+    let mut settings = Settings {
         time,
         exchange: Duration::from_secs_f64(arguments.exchange),
         troubles: troubles.map(|fault| Trouble { fault, at }).collect(),
         policy: arguments.policy,
-        place: match arguments.deploy {
-            Deployment::Executor => Place::Executor,
-            Deployment::Threads => Place::Threads,
-        },
+        place: Place::Threads,
+    };
+    let mut program = None;
+    settings.place = match (arguments.operator, arguments.deploy) {
+        (Some(address), _) => Place::Program(address),
+        (None, Deployment::Executor) => Place::Executor,
+        (None, Deployment::Threads) => Place::Threads,
+        (None, Deployment::Programs) => {
+            arguments.common.needs_real_clock()?;
+            let Orders {
+                walk_until,
+                exchange,
+            } = settings.orders();
+            let [until, each] = [walk_until, exchange].map(|seconds| seconds.to_string());
+            let words = ["demo", "tulip-operator", "--child", "--walk-until", &until];
+            let operator = Apart::start(&[&words[..], &["--exchange", &each]].concat())?;
+            Place::Program(program.insert(operator).address)
+        }
     };
     let (machine, report) = arguments.common.run("tulip", PICTURE, |system| {
         network::build(system, settings).map_err(Failure::Luna)
     })?;
+    drop(program);
     let findings = machine.findings();
     let findings = findings.ok_or_else(|| machine::too_early(&report))?;
     let run = Run {
-        deployment: arguments.deploy,
+        deployment: match arguments.operator {
+            Some(_) => Deployment::Programs,
+            None => arguments.deploy,
+        },
         findings,
         measurement: report::measurement(&report, EXECUTOR, &network::LOOPS, allocator.counts()),
     };
     let is_good = run.findings.is_good();
     let text = || text(&run, &report);
     arguments.common.print(&run, text, is_good)
+}
+
+/// Runs the operator until it is asked to end.
+pub(crate) fn run_operator(arguments: &OperatorArguments) -> Result<ExitCode, Failure> {
+    let system = machine::system_of_a_part("operator", arguments.child);
+    let orders = Orders {
+        walk_until: arguments.walk_until,
+        exchange: arguments.exchange,
+    };
+    let is_child = arguments.child;
+    let see = move |shown: &Shown| {
+        if !is_child {
+            print_shown(shown);
+        }
+    };
+    let listens = |address| machine::print_address("operator", address);
+    let served = network::serve_operator(system, arguments.listen, orders, listens, see);
+    served.map(|()| ExitCode::SUCCESS).map_err(Failure::Luna)
+}
+
+/// One line of what the robot shows.
+fn print_shown(shown: &Shown) {
+    let values = shown.values.map(|(what, value)| {
+        let name = serde_json::to_value(what).unwrap_or_default();
+        format!("{} {value:.3}", name.as_str().unwrap_or_default())
+    });
+    let mut out = std::io::stdout().lock();
+    // Nobody may read it.
+    let _ = writeln!(out, "{:6.1} s  {}", shown.time, values.join("  "));
 }
 
 fn text(run: &Run, report: &Report) -> [String; 3] {

@@ -6,10 +6,15 @@ use std::process::Command;
 
 /// What a run on a virtual clock prints, and its exit code.
 fn run(arguments: &str) -> (Value, Option<i32>) {
+    run_really(&format!("{arguments} --virtual"))
+}
+
+/// What a run prints, and its exit code.
+fn run_really(arguments: &str) -> (Value, Option<i32>) {
     let output = Command::new(env!("CARGO_BIN_EXE_luna"))
         .arg("demo")
         .args(arguments.split_whitespace())
-        .args(["--virtual", "--json"])
+        .arg("--json")
         .output()
         .expect("the program starts");
     let said = String::from_utf8_lossy(&output.stderr);
@@ -47,6 +52,35 @@ fn tulip_walks_exchanges_its_controllers_and_allocates_nothing() {
         assert!(run["exchanges"].as_u64() >= Some(3), "{run}");
         // Only a run on the real clock can lose a slot: here the field is there, and 0.
         assert_eq!((&run["lost"], &run["fallen_at"]), (&0.into(), &Value::Null));
+    }
+}
+
+/// On the real clock of a busy machine there is no verdict to rely on. But what comes from the other
+/// program is there: the gaze is nowhere near that of a head that sees nothing, and the robot walks.
+#[test]
+fn vision_and_the_operator_may_be_programs_of_their_own() {
+    let (blind, _) = run_really("head --seconds 2 --policy other --vision 127.0.0.1:9");
+    let (head, _) = run_really("head --seconds 2 --policy other --deploy programs");
+    let [blind, sees] = [&blind, &head].map(|run| run["gaze_rms"].as_f64().expect("long enough"));
+    assert!(sees < blind / 2.0, "{sees}, blind {blind}");
+    assert_eq!(head["deployment"], "programs");
+    let (alone, _) = run_really("tulip --seconds 4 --policy other --operator 127.0.0.1:9");
+    assert_eq!(alone["steps"], 0, "{alone}");
+    let (tulip, _) = run_really("tulip --seconds 8 --policy other --deploy programs");
+    assert!(tulip["steps"].as_u64() >= Some(1), "{tulip}");
+    assert!(tulip["exchanges_asked"].as_u64() >= Some(1), "{tulip}");
+}
+
+#[test]
+fn another_program_has_no_virtual_clock() {
+    for machine in ["head", "tulip"] {
+        let output = Command::new(env!("CARGO_BIN_EXE_luna"))
+            .args(["demo", machine, "--deploy", "programs", "--virtual"])
+            .output()
+            .expect("the program starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("--deploy executor"), "{said}");
     }
 }
 

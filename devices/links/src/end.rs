@@ -87,7 +87,7 @@ impl Stop {
 }
 
 /// A device of whatever type, as a link sees it.
-pub(crate) trait Lose: Send + Sync {
+pub(crate) trait Lose: Send {
     /// As [`Device::lost`].
     fn lost(&self, error: Error) -> Error;
 

@@ -2,6 +2,8 @@
 
 use crate::legs::Side;
 use crate::parameters::JOINTS;
+use luna::external::{FromBytes, Malformed, ToBytes};
+use luna_links::cycle::CycleData;
 use nalgebra::Vector2;
 
 /// What the sensors have: from the simulated machine, for safety.
@@ -136,9 +138,138 @@ pub enum Internal {
     Capture,
 }
 
+impl Internal {
+    /// All, each at its number in a message.
+    pub const ALL: [Internal; 4] = [
+        Internal::BallDistance,
+        Internal::BallSpeed,
+        Internal::Steps,
+        Internal::Capture,
+    ];
+
+    fn of(number: u8) -> Result<Self, Malformed> {
+        let value = Self::ALL.get(usize::from(number)).copied();
+        value.ok_or(Malformed("there is no internal value of this number"))
+    }
+}
+
 /// The robot to the operator: the values that were chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
+    /// When, by the robot: since its start, in s.
+    pub time: f64,
     /// What, and its value.
     pub values: [(Internal, f64); 3],
+}
+
+// How they cross to another computer.
+luna_links::cycle_data! {
+    struct PackedRequest: "tulip/request", version 1 { walk: u8, law: u8, show: [u8; 3] }
+}
+luna_links::cycle_data! {
+    struct PackedShown: "tulip/shown", version 1 { time: f64, what: [u8; 3], values: [f64; 3] }
+}
+
+/// The bytes of the longer of both messages.
+pub(crate) const LONGEST: usize = PackedShown::SIZE;
+
+impl Request {
+    fn packed(&self) -> PackedRequest {
+        PackedRequest {
+            walk: u8::from(self.walk),
+            law: self.law,
+            show: self.show.map(|what| what as u8),
+        }
+    }
+}
+
+impl Shown {
+    fn packed(&self) -> PackedShown {
+        PackedShown {
+            time: self.time,
+            what: self.values.map(|(what, _)| what as u8),
+            values: self.values.map(|(_, value)| value),
+        }
+    }
+}
+
+impl ToBytes for Request {
+    fn length(&self) -> usize {
+        PackedRequest::SIZE
+    }
+
+    fn to_bytes(&self, to: &mut [u8]) {
+        self.packed().to_bytes(to);
+    }
+}
+
+impl FromBytes for Request {
+    fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
+        let PackedRequest { walk, law, show } = PackedRequest::from_bytes(bytes)?;
+        let [a, b, c] = show;
+        Ok(Self {
+            walk: walk != 0,
+            law,
+            show: [Internal::of(a)?, Internal::of(b)?, Internal::of(c)?],
+        })
+    }
+}
+
+impl ToBytes for Shown {
+    fn length(&self) -> usize {
+        PackedShown::SIZE
+    }
+
+    fn to_bytes(&self, to: &mut [u8]) {
+        self.packed().to_bytes(to);
+    }
+}
+
+impl FromBytes for Shown {
+    fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
+        let packed = PackedShown::from_bytes(bytes)?;
+        let [a, b, c] = packed.what;
+        let [x, y, z] = packed.values;
+        Ok(Self {
+            time: packed.time,
+            values: [
+                (Internal::of(a)?, x),
+                (Internal::of(b)?, y),
+                (Internal::of(c)?, z),
+            ],
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_crosses_to_the_operator_and_back_is_the_same() {
+        let request = Request {
+            walk: true,
+            law: 1,
+            show: [Internal::Capture, Internal::BallSpeed, Internal::Steps],
+        };
+        let shown = Shown {
+            time: 2.5,
+            values: [
+                (Internal::BallDistance, 1.25),
+                (Internal::Steps, 7.0),
+                (Internal::Capture, -0.5),
+            ],
+        };
+        let mut bytes = [0; LONGEST];
+        let to = &mut bytes[..request.length()];
+        request.to_bytes(to);
+        assert_eq!(Request::from_bytes(to), Ok(request));
+        to[4] = Internal::ALL.len() as u8;
+        assert!(Request::from_bytes(to).is_err());
+        shown.to_bytes(&mut bytes);
+        assert_eq!(Shown::from_bytes(&bytes), Ok(shown));
+        for (number, what) in Internal::ALL.into_iter().enumerate() {
+            assert_eq!(what as usize, number);
+        }
+    }
 }

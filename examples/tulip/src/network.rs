@@ -1,7 +1,7 @@
 //! The modules of TUlip as processes, in layers from non to hard real-time.
 //!
 //! ```text
-//!  non      operator (a thread here; meant for another computer)
+//!  non      operator (a thread, or a program on another computer)
 //!              ~ requests   ^ shown
 //!              v            ~
 //!  soft     world model <~~~~~~~~~~~~ sights ~~~~~~~~~ the camera
@@ -33,6 +33,11 @@
 //!
 //! **The end.** The machine ends after its time. Each other process ends when its inputs are closed.
 
+mod apart;
+
+pub use crate::processes::Orders;
+pub use apart::serve_operator;
+
 use crate::controllers;
 use crate::mechanics::{Fault, Mechanics, Trouble};
 use crate::outcome::Findings;
@@ -44,6 +49,7 @@ use crate::processes::{
 use crate::safety::Safety;
 use luna::channel::Receiver;
 use luna::prelude::*;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -76,6 +82,9 @@ pub enum Place {
     /// The hard and firm layers on one, the world model on a thread that is not real-time, the
     /// operator on another one.
     Threads,
+    /// As `Threads`, with the operator in a program on this computer or another one:
+    /// [`serve_operator`] at this address. It may end, and come back.
+    Program(SocketAddr),
 }
 
 /// How a robot is run.
@@ -100,6 +109,14 @@ impl Settings {
         match self.time > 2 * AFTER {
             true => self.time - AFTER,
             false => self.time,
+        }
+    }
+
+    /// What the operator of this run wants.
+    pub fn orders(&self) -> Orders {
+        Orders {
+            walk_until: self.walks_until().as_secs_f64(),
+            exchange: self.exchange.as_secs_f64(),
         }
     }
 
@@ -173,12 +190,10 @@ pub fn build(system: &mut System, settings: Settings) -> luna::Result<Tulip> {
     };
     let left = || Arc::clone(&tulip.left);
     let main = system.executor("tulip").policy(settings.policy).build()?;
+    let mut ordinary = |name: &str| system.executor(name).policy(Policy::Other).build();
     let others = match settings.place {
         Place::Executor => None,
-        Place::Threads => {
-            let mut other = |name: &str| system.executor(name).policy(Policy::Other).build();
-            Some((other("planning")?, other("operator")?))
-        }
+        Place::Threads | Place::Program(_) => Some((ordinary("planning")?, ordinary("operator")?)),
     };
     let (planning, panel) = others.as_ref().map_or((&main, &main), |(a, b)| (a, b));
 
@@ -236,11 +251,15 @@ pub fn build(system: &mut System, settings: Settings) -> luna::Result<Tulip> {
         .spawn(model_world(
             (bodies_of_world, sights, requests),
             (wish, law, shown),
+            left(),
         ))?;
-    panel
-        .process("operator")
-        .priority(level::OPERATOR)
-        .spawn(operate(settings.clone(), request, shows, left()))?;
+    match settings.place {
+        Place::Program(address) => apart::connect(system, panel, address, (shows, request))?,
+        _ => {
+            let operator = panel.process("operator").priority(level::OPERATOR);
+            operator.spawn(operate(settings.orders(), request, shows, |_| {}))?;
+        }
+    }
 
     let mechanics = main.process("mechanics").priority(level::MECHANICS);
     let signals = Signals {

@@ -8,7 +8,7 @@ use crate::mechanics::{Fault, Mechanics, Trouble, upright};
 use crate::messages::{
     Body, Command, Drive, Internal, Plan, Readings, Request, Seen, SetPoint, Shown, Wish,
 };
-use crate::network::{BEFORE, Settings};
+use crate::network::BEFORE;
 use crate::outcome::Findings;
 use crate::parameters::{DT, GAIT_PERIOD, JOINTS, PERIOD, WORLD_PERIOD};
 use crate::safety::Safety;
@@ -22,6 +22,9 @@ use std::time::Duration;
 /// What the operator is shown.
 const SHOW: [Internal; 3] = [Internal::BallDistance, Internal::Steps, Internal::Capture];
 
+/// An operator that says nothing for so long is gone, in s.
+const SILENT: f64 = 1.0;
+
 /// What the processes leave behind.
 #[derive(Debug, Default)]
 pub(crate) struct Left {
@@ -30,6 +33,7 @@ pub(crate) struct Left {
     pub(crate) changed: OnceLock<u64>,
     /// Exchanges, and slots that were missed right after one.
     pub(crate) exchanges: OnceLock<(u32, u64)>,
+    /// The exchanges that the operator asked for, how often it was shown values, and the last ones.
     pub(crate) operator: OnceLock<(u32, u32, Option<Shown>)>,
 }
 
@@ -46,26 +50,30 @@ where
     true
 }
 
-/// The operator, a thread here; meant for another computer: not real-time.
+/// When the operator wants what, by the robot's time.
+#[derive(Debug, Clone, Copy)]
+pub struct Orders {
+    /// The robot is to walk until then, in s.
+    pub walk_until: f64,
+    /// The joint controllers are to be exchanged each so many seconds.
+    pub exchange: f64,
+}
+
+/// The operator: not real-time, and not on the robot. It answers what it is shown, and calls `see`
+/// with that.
 pub(crate) async fn operate(
-    settings: Settings,
+    orders: Orders,
     request: Sender<Request>,
     shows: Receiver<Shown>,
-    left: Arc<Left>,
+    mut see: impl FnMut(&Shown) + Send,
 ) -> luna::Result<()> {
-    let begun = luna::now();
-    let (mut exchanges, mut times, mut last) = (0, 0, None);
-    let mut next = BEFORE + settings.exchange;
+    let begin = BEFORE.as_secs_f64();
     while let Ok(shown) = shows.recv().await {
-        (times, last) = (times + 1, Some(shown));
-        let passed = luna::now() - begun;
-        let walk = (BEFORE..settings.walks_until()).contains(&passed);
-        if walk && passed >= next {
-            next += settings.exchange;
-            exchanges += 1;
-        }
+        see(&shown);
+        let time = shown.time.min(orders.walk_until);
+        let exchanges = ((time - begin) / orders.exchange).max(0.0) as u32;
         let wanted = Request {
-            walk,
+            walk: (begin..orders.walk_until).contains(&shown.time),
             law: (exchanges % 2) as u8,
             show: SHOW,
         };
@@ -73,7 +81,6 @@ pub(crate) async fn operate(
             break;
         }
     }
-    let _ = left.operator.set((exchanges, times, last));
     Ok(())
 }
 
@@ -81,6 +88,7 @@ pub(crate) async fn operate(
 pub(crate) async fn model_world(
     (bodies, sights, requests): (Receiver<Body>, Receiver<Vector2<f64>>, Receiver<Request>),
     (wish, law, shown): (Sender<Wish>, Sender<u8>, Sender<Shown>),
+    left: Arc<Left>,
 ) -> luna::Result<()> {
     let mut tick = luna::periodic("world model", WORLD_PERIOD)?;
     let mut world = World::default();
@@ -90,23 +98,33 @@ pub(crate) async fn model_world(
         law: 0,
         show: SHOW,
     };
+    let mut heard = body.time;
+    let (mut exchanges, mut times, mut last) = (0, 0, None);
     loop {
         tick.next().await;
         if !take(&bodies, &mut body) {
+            let _ = left.operator.set((exchanges, times, last));
             return Ok(());
         }
         world.body(body);
         if let Ok(ball) = sights.try_recv() {
             world.see(&ball);
         }
-        // An operator that is gone leaves the last request.
         let before = request;
-        take(&requests, &mut request);
+        if let Ok(new) = requests.try_recv() {
+            (request, heard) = (new, body.time);
+        }
+        // Without an operator the robot stands.
+        request.walk &= body.time - heard < SILENT;
         if request.law != before.law {
+            exchanges += 1;
             let _ = law.send(request.law).await;
         }
         let _ = wish.send(world.wish(&request)).await;
-        let _ = shown.send(world.show(&request)).await;
+        let show = world.show(&request);
+        if shown.send(show).await.is_ok() {
+            (times, last) = (times + 1, Some(show));
+        }
     }
 }
 

@@ -100,6 +100,7 @@ impl World {
             Internal::Capture => (self.body.capture - middle).norm(),
         };
         Shown {
+            time: self.body.time,
             values: request.show.map(|what| (what, value(what))),
         }
     }

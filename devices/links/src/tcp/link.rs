@@ -47,6 +47,7 @@ pub fn link<O: ToBytes + Send, I: FromBytes + Send>(
         packer: Packer::new(framing)?,
         reconnect: Reconnect::default(),
         patience: None,
+        until_unread: false,
         on_bad: OnBad::default(),
         sent: Counts::default(),
         received: Counts::default(),
@@ -64,6 +65,7 @@ pub struct Link<O, I> {
     packer: Packer,
     reconnect: Reconnect,
     patience: Option<Duration>,
+    until_unread: bool,
     on_bad: OnBad,
     sent: Counts,
     received: Counts,
@@ -79,6 +81,41 @@ impl<O, I> Link<O, I> {
     /// For how long nothing may get out before the connection is given up.
     pub fn patience(mut self, patience: Duration) -> Self {
         self.patience = Some(patience);
+        self
+    }
+
+    /// Ends the link as soon as the last receiver of `incoming` is gone, connected or not. What is
+    /// still to be sent is dropped. For a machine that is to end, whether the other side takes the
+    /// last value or not.
+    ///
+    /// ```
+    /// use luna::external::Framing;
+    /// use luna::prelude::*;
+    /// use luna_links::tcp;
+    ///
+    /// let mut system = System::new("robot");
+    /// // No program listens there.
+    /// let port = tcp::connect(&system.devices(), "127.0.0.1:9".parse().unwrap())?;
+    /// let (position, positions) = luna::buffered::<[u8; 8]>(Buffer::overwrite_oldest(1));
+    /// let (order, orders) = luna::channel::<[u8; 1]>();
+    /// let link = tcp::link(&port, positions, order, Framing::chunks(8))?.until_unread();
+    /// let main = system.executor("main").build()?;
+    /// main.process("link").spawn(link)?;
+    /// main.process("robot").spawn(async move {
+    ///     position.send(0_f64.to_le_bytes()).await?;
+    ///     drop(orders);
+    ///     Ok(())
+    /// })?;
+    /// # match system.run() {
+    /// #     Err(error) if error.to_string().contains("needs Linux") => return Ok(()),
+    /// #     ran => ran,
+    /// # }?;
+    /// # #[cfg(any())]
+    /// system.run()?; // ends, though the position was not sent
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn until_unread(mut self) -> Self {
+        self.until_unread = true;
         self
     }
 
@@ -118,6 +155,7 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Process for Link<O, I> {
                 packer: &mut self.packer,
                 is_unsent: false,
                 patience: self.patience,
+                until_unread: self.until_unread,
                 on_bad: self.on_bad,
                 sent: &self.sent,
                 received: &self.received,

@@ -23,6 +23,8 @@ pub(super) struct Traffic<'a, O, I> {
     pub(super) packer: &'a mut Packer,
     pub(super) is_unsent: bool,
     pub(super) patience: Option<Duration>,
+    /// Whether it ends as soon as `incoming` has no receiver.
+    pub(super) until_unread: bool,
     pub(super) on_bad: OnBad,
     pub(super) sent: &'a Counts,
     pub(super) received: &'a Counts,
@@ -83,7 +85,9 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
                 && let Poll::Ready(end) = ended.poll(cx)
             {
                 match Stop::from(end) {
-                    Stop::Closed if self.outgoing.is_some() => is_in_closed = true,
+                    Stop::Closed if self.outgoing.is_some() && !self.until_unread => {
+                        is_in_closed = true;
+                    }
                     stop => return Poll::Ready(Err(stop)),
                 }
             }
@@ -109,6 +113,7 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
             packer,
             is_unsent,
             patience,
+            until_unread,
             on_bad,
             sent,
             received,
@@ -170,7 +175,7 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
                 if in_stop.is_none()
                     && let Poll::Ready(Err(stop)) = come.as_mut().poll(cx)
                 {
-                    let goes_on = matches!(stop, Stop::Closed);
+                    let goes_on = matches!(stop, Stop::Closed) && !*until_unread;
                     in_stop = Some(stop);
                     if !goes_on {
                         return Poll::Ready(());

@@ -6,7 +6,6 @@
 
 use super::{look, newest};
 use crate::messages::{Image, Sighting};
-use futures_lite::future::or;
 use luna::external::{Framing, Prefix};
 use luna::prelude::*;
 use luna::system::Executor;
@@ -29,22 +28,15 @@ pub(super) fn connect(
     (images, sighting): (Receiver<Image>, Sender<Sighting>),
 ) -> luna::Result<()> {
     let port = tcp::connect(&system.devices(), address)?;
-    let head = sighting.clone();
-    let mut link = tcp::link(&port, images, sighting, FRAMING)?
+    let link = tcp::link(&port, images, sighting, FRAMING)?
         .reconnect(Reconnect::backing_off(
             Duration::from_millis(20),
             Duration::from_millis(500),
         ))
         .patience(PATIENCE)
+        .until_unread()
         .on_bad(OnBad::Drop);
-    executor.process("vision's link").spawn(async move {
-        // The link alone would wait for vision to take the last image.
-        let end = async {
-            head.ended().await;
-            Ok(())
-        };
-        or(link.run(), end).await
-    })?;
+    executor.process("vision's link").spawn(link)?;
     Ok(())
 }
 

@@ -105,6 +105,58 @@ fn without_balance_the_joints_keep_the_last_set_point() {
     assert!((0.14..0.2).contains(&furthest), "{furthest}");
 }
 
+/// The operator asks the robot to walk, and is silent from then on: it walks for a second.
+#[test]
+fn without_an_operator_the_robot_stands() {
+    let (system, executor) = system();
+    let (body, bodies) = newest();
+    let (sight, sights) = newest();
+    let (request, requests) = newest();
+    let (wish, wishes) = newest();
+    let (law, _laws) = newest();
+    let (show, _shows) = newest();
+    let channels = ((bodies, sights, requests), (wish, law, show));
+    let world = executor.process("world model").priority(4);
+    world
+        .spawn(model_world(channels.0, channels.1, Arc::default()))
+        .unwrap();
+    let walked = Arc::new(OnceLock::new());
+    let count = Arc::clone(&walked);
+    let others = executor
+        .process("balance, camera and operator")
+        .priority(16);
+    others
+        .spawn(async move {
+            let _ = sight.send(Vector2::new(1.0, 0.0)).await;
+            let walk = Request {
+                walk: true,
+                law: 0,
+                show: SHOW,
+            };
+            let _ = request.send(walk).await;
+            let mut tick = luna::periodic("balance", WORLD_PERIOD)?;
+            let mut latest = Wish::default();
+            let mut walks = 0;
+            for cycle in 0..30 {
+                tick.next().await;
+                take(&wishes, &mut latest);
+                walks += u32::from(latest.walk);
+                let now = Body {
+                    time: f64::from(cycle) * WORLD_PERIOD.as_secs_f64(),
+                    ..Body::default()
+                };
+                let _ = body.send(now).await;
+            }
+            assert!(!latest.walk);
+            let _ = count.set(walks);
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+    let walks = walked.get().copied().unwrap_or(0);
+    assert!((8..=12).contains(&walks), "{walks}");
+}
+
 /// The world model has wanted the robot to walk, and ends: the gait begins, much later.
 #[test]
 fn without_a_world_model_the_gait_does_what_was_wanted_last() {
