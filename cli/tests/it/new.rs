@@ -141,6 +141,8 @@ fn a_cell() {
 
 /// With RustDDS and what it brings, which CI builds where `hosts` are tested.
 #[cfg(feature = "hosts")]
+/// Where ROS 2 is built anyway: its libraries take minutes.
+#[cfg(feature = "hosts")]
 #[test]
 fn a_node_of_ros2() {
     let project = project("ros2");
