@@ -7,6 +7,7 @@ pub(crate) mod table;
 use crate::alloc::Counting;
 use crate::failure::Failure;
 use crate::output::{Axis, Demo, FinalState, TrackingError};
+use crate::print::{print_json, print_parts};
 use crate::{args, card, exit, place, report, text};
 use luna::Report;
 use luna::log::{FileSink, Logging, Sink, Tee};
@@ -16,7 +17,6 @@ use luna_jiwy::network::LOOP;
 use luna_jiwy::{AXES, Executors, Findings, Settings, Start, network};
 use luna_plants::MotorState;
 use luna_scope::Scope;
-use std::io::Write;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::process::ExitCode;
@@ -200,6 +200,7 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
     if let Some(address) = show.foxglove {
         let foxglove = luna_foxglove::Foxglove::open(address)
             .map_err(|error| Failure::Foxglove { address, error })?;
+        use std::io::Write;
         let _ = writeln!(std::io::stderr(), "foxglove: {}", foxglove.url());
         sinks = Some(and(sinks, foxglove.sink()));
         watched._foxglove = Some(foxglove);
@@ -257,26 +258,4 @@ fn found(name: &'static str, findings: &Findings, state: MotorState) -> Axis {
         },
         sanity: findings.interventions(),
     }
-}
-
-/// One JSON object on one line.
-pub(crate) fn print_json(
-    out: &mut impl Write,
-    value: &impl serde::Serialize,
-) -> std::io::Result<()> {
-    serde_json::to_writer(&mut *out, value)?;
-    writeln!(out)?;
-    out.flush()
-}
-
-/// Parts with an empty line between them.
-pub(crate) fn print_parts(
-    out: &mut impl Write,
-    parts: impl IntoIterator<Item = String>,
-) -> std::io::Result<()> {
-    for (n, part) in parts.into_iter().enumerate() {
-        let gap = if n == 0 { "" } else { "\n" };
-        writeln!(out, "{gap}{}", part.trim_end())?;
-    }
-    out.flush()
 }

@@ -2,8 +2,8 @@
 
 use crate::alloc::Counting;
 use crate::beside::{self, Ended, EndsOnDrop};
-use crate::demo::{print_json, print_parts};
 use crate::failure::Failure;
+use crate::print::{print_json, print_parts};
 use crate::{args, exit, place, report, text};
 use luna::prelude::*;
 use std::fs::File;

@@ -21,6 +21,7 @@ mod new;
 mod output;
 mod package;
 mod place;
+mod print;
 #[cfg(target_os = "linux")]
 mod production_cell;
 #[cfg(target_os = "linux")]

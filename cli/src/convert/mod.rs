@@ -18,6 +18,7 @@ pub(crate) use recording::open;
 
 use crate::args::{Convert, Format};
 use crate::failure::Failure;
+use crate::print::say;
 use crate::text::Count;
 use std::fmt;
 use std::fs::File;
@@ -71,16 +72,17 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
         #[cfg(feature = "mcap")]
         Format::Mcap => vec![mcap::write(&inputs[0], &output, &filters[0])?],
     };
-    print!("{}: ", output.display());
-    let mut code = ExitCode::SUCCESS;
+    let mut said = format!("{}: ", output.display());
     if let [converted] = &*converted {
-        print!("{converted}");
+        said += &converted.to_string();
     } else {
-        println!("{} recordings", converted.len());
+        said += &format!("{} recordings\n", converted.len());
         for (input, converted) in inputs.iter().zip(&converted) {
-            print!("{}: {converted}", input.display());
+            said += &format!("{}: {converted}", input.display());
         }
     }
+    say(&said)?;
+    let mut code = ExitCode::SUCCESS;
     for (input, converted) in inputs.iter().zip(&converted) {
         if say_damage(input, converted) {
             code = ExitCode::FAILURE;

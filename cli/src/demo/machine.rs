@@ -1,7 +1,8 @@
 //! What the demos of whole machines share: their common options, how one runs, and its output.
 
-use super::{Show, print_json, print_parts, watch};
+use super::{Show, watch};
 use crate::failure::Failure;
+use crate::print::{print_json, print_parts};
 use crate::{args, exit};
 use clap::Args;
 use luna::prelude::*;

@@ -1,7 +1,8 @@
 //! `luna demo --record` and `--replay`: a run that is kept, and the same run again.
 
-use super::{args, executors, print_json, print_parts};
+use super::{args, executors};
 use crate::failure::Failure;
+use crate::print::{print_json, print_parts};
 use luna::prelude::*;
 use luna::replay::{RecordError, Recording};
 use luna::report::RecordReport;

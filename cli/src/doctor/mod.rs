@@ -12,8 +12,8 @@ mod table;
 mod tests;
 
 use crate::args;
-use crate::demo::print_json;
 use crate::failure::Failure;
+use crate::print::print_json;
 use diagnosis::Diagnosis;
 use facts::cpu_time::{CpuTime, cpu_time};
 use finding::Finding;

@@ -2,8 +2,8 @@
 
 use super::{read, write};
 use crate::failure::Failure;
+use crate::print::say;
 use clap::{Args, ValueEnum};
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -43,11 +43,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let beside = arguments.file.with_extension(extension);
     let output = arguments.output.as_ref().unwrap_or(&beside);
     if output == Path::new("-") {
-        let written = io::stdout().write_all(text.as_bytes());
-        written.map_err(Failure::Output)?;
+        say(&text)?;
         return Ok(ExitCode::SUCCESS);
     }
     write(output, &text)?;
-    println!("{}", output.display());
+    say(&format!("{}\n", output.display()))?;
     Ok(ExitCode::SUCCESS)
 }

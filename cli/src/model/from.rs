@@ -3,11 +3,12 @@
 use super::recording::{Recording, Seen, Slots};
 use super::trace::SKEW;
 use crate::failure::Failure;
+use crate::print::say;
 use clap::Args;
 use luna_model::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -47,8 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let beside = path.with_extension("toml");
     let output = arguments.output.as_ref().unwrap_or(&beside);
     if output == Path::new("-") {
-        let written = io::stdout().write_all(text.as_bytes());
-        written.map_err(Failure::Output)?;
+        say(&text)?;
         return Ok(ExitCode::SUCCESS);
     }
     let written = File::create_new(output).and_then(|mut file| file.write_all(text.as_bytes()));
@@ -56,11 +56,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         path: output.clone(),
         error,
     })?;
-    println!(
-        "{0}: check it against recordings with `luna model trace {0} {1}`",
+    say(&format!(
+        "{0}: check it against recordings with `luna model trace {0} {1}`\n",
         output.display(),
         path.display()
-    );
+    ))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,6 +1,7 @@
 //! `luna model new`: a model to begin with.
 
 use crate::failure::Failure;
+use crate::print::say;
 use clap::Args;
 use std::fs::File;
 use std::io::Write;
@@ -24,6 +25,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut file = File::create_new(path).map_err(failed)?;
     let written = file.write_all(luna_model::TEMPLATE.as_bytes());
     written.map_err(failed)?;
-    println!("{}: check it with `luna model check {0}`", path.display());
+    let path = path.display();
+    say(&format!(
+        "{path}: check it with `luna model check {path}`\n"
+    ))?;
     Ok(ExitCode::SUCCESS)
 }

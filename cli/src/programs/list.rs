@@ -3,8 +3,8 @@
 use super::survey::Survey;
 use super::table;
 use crate::args;
-use crate::demo::print_json;
 use crate::failure::Failure;
+use crate::print::print_json;
 use clap::Args;
 use glob::Pattern;
 use std::io::{self, Write};

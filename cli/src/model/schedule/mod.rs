@@ -6,8 +6,8 @@ mod measured;
 mod shown;
 
 use super::{UNKNOWN, read};
-use crate::demo::print_json;
 use crate::failure::Failure;
+use crate::print::print_json;
 use clap::Args;
 use luna_model::Model;
 use luna_model::schedule::{Costs, Schedule, Verdict};
