@@ -15,6 +15,7 @@ struct Inner {
     sent: AtomicU64,
     received: AtomicU64,
     overruns: AtomicU64,
+    malformed: AtomicU64,
     lost: AtomicU64,
     errors: AtomicU64,
     unreported: AtomicU64,
@@ -35,6 +36,11 @@ impl Counts {
     /// Frames for which a receiver's channel had no room.
     pub fn overruns(&self) -> u64 {
         self.0.overruns.load(Ordering::Relaxed)
+    }
+
+    /// Frames that are none of their receiver's values.
+    pub fn malformed(&self) -> u64 {
+        self.0.malformed.load(Ordering::Relaxed)
     }
 
     /// Frames that were lost before: the queue of the kernel or of the hardware was full. Hardware
@@ -75,6 +81,10 @@ impl Counts {
         self.0.overruns.fetch_add(1, Ordering::Relaxed);
     }
 
+    pub(crate) fn add_malformed(&self) {
+        self.0.malformed.fetch_add(1, Ordering::Relaxed);
+    }
+
     pub(crate) fn add_lost(&self, count: u64) {
         self.0.lost.fetch_add(count, Ordering::Relaxed);
     }
@@ -98,6 +108,7 @@ impl fmt::Debug for Counts {
             .field("sent", &self.sent())
             .field("received", &self.received())
             .field("overruns", &self.overruns())
+            .field("malformed", &self.malformed())
             .field("lost", &self.lost())
             .field("errors", &self.errors())
             .field("unreported", &self.unreported())

@@ -1,4 +1,5 @@
-//! CAN: frames as the values of channels, over an interface of the kernel or a simulated bus.
+//! CAN: frames as the values of channels, over an interface of the kernel or a simulated bus; and
+//! CANopen basics on top ([`canopen`]).
 //!
 //! | bus | opened by | what waits for it |
 //! | --- | --- | --- |
@@ -13,6 +14,7 @@
 //! | what happens | the controller |
 //! | --- | --- |
 //! | a receiver's channel is full | drops the frame, counts it, reports the first ([`Event::Overrun`]) |
+//! | a frame does not decode ([`Controller::receive_as`]) | the same ([`Event::Malformed`]) |
 //! | the kernel's or the hardware's queue was full | counts and reports what was lost ([`Event::Lost`]) |
 //! | an error on the bus; another error state | counts and reports it; the hardware repeats the frame |
 //! | bus-off | the device is lost: an emergency by default; or it waits ([`OnBusOff`]) |
@@ -26,6 +28,7 @@
 //! CAN FD is not supported. SocketCAN has been run on no hardware yet; where the kernel has a
 //! virtual interface the tests use that.
 
+pub mod canopen;
 mod controller;
 mod counts;
 mod filter;

@@ -1,14 +1,17 @@
 //! The process between a port and channels.
 
-use crate::{BusError, BusReport, Counts, Filter, Frame, Incoming, Port, PortError, State};
-use luna::channel::{ChannelEnd, Ended, TrySendError};
+mod routing;
+
+use crate::{BusError, Counts, Filter, Frame, Port, PortError, State};
+use luna::channel::Ended;
 use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Error, Process, Receiver, Sender};
+use routing::{Route, Routing, Stop, Typed, poll_ends};
 use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::{Pin, pin};
-use std::task::{Context, Poll};
+use std::task::Poll;
 
 /// Creates a process that sends the frames of a channel over a port, and gives received frames to
 /// other channels: see [`Controller`].
@@ -35,6 +38,11 @@ pub enum Event {
     /// again.
     Overrun {
         /// Which: they are numbered from 0 in the order in which they were added.
+        receiver: usize,
+    },
+    /// A frame for a receiver is none of its values: it has another length, say. It is dropped.
+    Malformed {
+        /// Which, as for [`Event::Overrun`].
         receiver: usize,
     },
     /// Frames were lost in the queue of the kernel, of the hardware or of the simulated node.
@@ -66,12 +74,6 @@ pub enum CanError {
     /// The port fails.
     #[error("{0}")]
     Port(#[from] PortError),
-}
-
-struct Route {
-    filters: Vec<Filter>,
-    sender: Sender<Frame>,
-    is_full: bool,
 }
 
 /// A controller, to be spawned: see [`controller`].
@@ -112,16 +114,36 @@ impl<P: Port> Controller<P> {
     /// The controller does not wait for a receiver: a frame for which its channel has no room is
     /// dropped, [counted](Counts::overruns) and [reported](Event::Overrun). So give it a buffer
     /// ([`luna::buffered`]); one that overwrites its oldest has the newest frames.
-    pub fn receive(mut self, filters: &[Filter], sender: Sender<Frame>) -> Self {
+    pub fn receive(self, filters: &[Filter], sender: Sender<Frame>) -> Self {
+        self.receive_as(filters, |frame| Some(*frame), sender)
+    }
+
+    /// As [`receive`](Self::receive), with what frames stand for. A frame for which `decode` gives
+    /// none is dropped, [counted](Counts::malformed) and [reported](Event::Malformed).
+    pub fn receive_as<T: Send + 'static>(
+        mut self,
+        filters: &[Filter],
+        decode: impl Fn(&Frame) -> Option<T> + Send + 'static,
+        sender: Sender<T>,
+    ) -> Self {
+        self.add(filters, decode, sender);
+        self
+    }
+
+    pub(crate) fn add<T: Send + 'static>(
+        &mut self,
+        filters: &[Filter],
+        decode: impl Fn(&Frame) -> Option<T> + Send + 'static,
+        sender: Sender<T>,
+    ) {
+        let sender = match P::IS_OUTSIDE {
+            true => sender.external(),
+            false => sender,
+        };
         self.receivers.push(Route {
             filters: filters.to_vec(),
-            sender: match P::IS_OUTSIDE {
-                true => sender.external(),
-                false => sender,
-            },
-            is_full: false,
+            to: Box::new(Typed { sender, decode }),
         });
-        self
     }
 
     /// Reports events to this channel. It does not wait for it either: an event without room is
@@ -143,19 +165,6 @@ impl<P: Port> Controller<P> {
     /// What it counts.
     pub fn counts(&self) -> Counts {
         self.counts.clone()
-    }
-}
-
-/// Why one of the two directions ends.
-enum Stop {
-    Closed,
-    Poisoned,
-    Lost(CanError),
-}
-
-impl From<PortError> for Stop {
-    fn from(error: PortError) -> Self {
-        Stop::Lost(error.into())
     }
 }
 
@@ -198,15 +207,23 @@ impl<P: Port> Controller<P> {
         }
         let outgoing = self.outgoing.take();
         let counts = self.counts.clone();
-        let senders: Vec<Sender<Frame>> = self
-            .receivers
-            .iter()
-            .map(|receiver| receiver.sender.clone())
-            .collect();
+        let Self {
+            receivers,
+            events,
+            on_bus_off,
+            ..
+        } = self;
+        let mut routing = Routing {
+            is_full: vec![false; receivers.len()],
+            receivers,
+            events: events.as_ref(),
+            on_bus_off: *on_bus_off,
+            counts: counts.clone(),
+        };
         // Boxed once: an end is waited for again and again.
-        let mut ends: Vec<Pin<Box<Ended<'_>>>> = senders
+        let mut ends: Vec<Pin<Box<Ended<'_>>>> = receivers
             .iter()
-            .map(|sender| Box::pin(sender.ended()))
+            .map(|receiver| Box::pin(receiver.to.ended()))
             .collect();
         let mut going = pin!(async {
             let Some(outgoing) = outgoing else {
@@ -215,7 +232,7 @@ impl<P: Port> Controller<P> {
             transmit(port, &outgoing, &counts).await
         });
         // Reports come even where no frame is received.
-        let mut coming = pin!(self.receive_all(port));
+        let mut coming = pin!(routing.receive_all(port));
         let mut is_sent = false;
         poll_fn(|cx| {
             if poll_ends(&mut ends, cx) {
@@ -237,74 +254,6 @@ impl<P: Port> Controller<P> {
         })
         .await
     }
-
-    /// Until something fails.
-    async fn receive_all(&mut self, port: &P) -> Stop {
-        loop {
-            let taken = match port.receive().await {
-                Ok(Incoming::Frame(frame)) => self.give(&frame),
-                Ok(Incoming::Report(report)) => self.note(report),
-                Err(error) => Err(error.into()),
-            };
-            if let Err(stop) = taken {
-                return stop;
-            }
-        }
-    }
-
-    fn give(&mut self, frame: &Frame) -> Result<(), Stop> {
-        for number in 0..self.receivers.len() {
-            let receiver = &mut self.receivers[number];
-            if !receiver.filters.iter().any(|filter| filter.matches(frame)) {
-                continue;
-            }
-            match receiver.sender.try_send(*frame) {
-                Ok(()) => {
-                    receiver.is_full = false;
-                    self.counts.add_received();
-                }
-                Err(TrySendError::Full(_)) => {
-                    self.counts.add_overrun();
-                    if !std::mem::replace(&mut receiver.is_full, true) {
-                        self.report(Event::Overrun { receiver: number });
-                    }
-                }
-                // That its receivers have gone is found where it is waited for.
-                Err(TrySendError::Closed(_)) => {}
-                Err(_) => return Err(Stop::Poisoned),
-            }
-        }
-        Ok(())
-    }
-
-    fn note(&mut self, report: BusReport) -> Result<(), Stop> {
-        if report.lost > 0 {
-            self.counts.add_lost(report.lost);
-            self.report(Event::Lost(report.lost));
-        }
-        if let Some(error) = report.error {
-            self.counts.add_error();
-            self.report(Event::Error(error));
-        }
-        if let Some(state) = report.state {
-            self.counts.set_state(state);
-            self.report(Event::State(state));
-            if state == State::BusOff && self.on_bus_off == OnBusOff::Lose {
-                return Err(Stop::Lost(CanError::BusOff));
-            }
-        }
-        Ok(())
-    }
-
-    fn report(&self, event: Event) {
-        let is_reported = match &self.events {
-            Some(events) => events.try_send(event).is_ok(),
-            None => false,
-        };
-        if !is_reported {
-            self.counts.add_unreported();
-        }
-    }
 }
 
 async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts) -> Stop {
@@ -319,19 +268,6 @@ async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts
         }
         counts.add_sent();
     }
-}
-
-/// Forgets those that have ended. Returns whether one is poisoned.
-fn poll_ends(ends: &mut Vec<Pin<Box<Ended<'_>>>>, cx: &mut Context<'_>) -> bool {
-    let mut is_poisoned = false;
-    ends.retain_mut(|end| match end.as_mut().poll(cx) {
-        Poll::Pending => true,
-        Poll::Ready(end) => {
-            is_poisoned |= end == ChannelEnd::Poisoned;
-            false
-        }
-    });
-    is_poisoned
 }
 
 impl<P: Port> fmt::Debug for Controller<P> {
