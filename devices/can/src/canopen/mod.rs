@@ -49,8 +49,10 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
-//! The coding is this crate's own, some 500 lines. Of the packages for it `zencan-common` (0.0.5) has
-//! no EMCY messages, and takes identifiers of 29 bits for those of 11 in places.
+//! The coding of messages is this crate's own, some 500 lines. `canopen-rs` (0.6) would be the package
+//! for it; but its SDO values end at 32 bytes, it refuses transfers that do not state their size,
+//! does not look which object an answer is for, and names 11 codes of aborted transfers.
+//! `zencan-common` (0.0.5) has no EMCY messages.
 //!
 //! Not here: block transfers, LSS, TIME, node guarding, EDS files, an object dictionary of this
 //! program (but of a simulated node). It has been run against no real node yet.
