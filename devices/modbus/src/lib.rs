@@ -51,6 +51,9 @@
 //! | the attempts are used up | the device is lost: an emergency, or what `on_loss` says | – |
 //! | the server is slower than the period | the next cycle begins at once | `late` |
 //!
+//! **In an emergency** the client ends like any process, and writes nothing more: what is to be safe
+//! without this program needs a watchdog in the PLC.
+//!
 //! The frames are those of `rmodbus`, which is a protocol alone. `tokio-modbus` brings a runtime
 //! with threads and timers of its own, which LUNA's priorities, clock and stop do not reach.
 //!

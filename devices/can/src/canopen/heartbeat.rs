@@ -4,6 +4,7 @@ use super::nmt::Heartbeat;
 use super::{NmtState, NodeId};
 use crate::Frame;
 use luna::channel::ChannelEnd;
+use luna::realtime::off_path;
 use luna::{Error, Instant, Process, Receiver, Sender};
 use std::future::{Future, poll_fn};
 use std::pin::pin;
@@ -139,7 +140,9 @@ impl HeartbeatConsumer {
             let (node, limit, on_missed) = (watch.node, watch.limit, watch.on_missed);
             if on_missed == OnMissed::Emergency {
                 // The emergency comes first: it does not wait for a reader.
-                let error = luna::emergency(Error::other(HeartbeatMissed { node, limit }));
+                let missed = HeartbeatMissed { node, limit };
+                // It allocates; there is nothing left to be in time for.
+                let error = off_path(|| luna::emergency(Error::other(missed)));
                 let _ = self.events.try_send(NodeEvent::Missed(node));
                 return Err(error);
             }
@@ -195,8 +198,8 @@ pub struct HeartbeatProducer {
 
 impl HeartbeatProducer {
     async fn go_on(&mut self) -> luna::Result<()> {
-        let name = format!("heartbeat {}", self.node.number());
-        let mut tick = luna::periodic(&name, self.period)?;
+        let node = self.node.number();
+        let mut tick = off_path(|| luna::periodic(format!("heartbeat {node}"), self.period))?;
         let (node, mut state) = (self.node, NmtState::BootUp);
         loop {
             self.frames.send(Heartbeat { node, state }.frame()).await?;

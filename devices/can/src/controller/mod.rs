@@ -3,14 +3,14 @@
 mod routing;
 
 use crate::{BusError, Counts, Filter, Frame, Port, PortError, State};
-use luna::channel::Ended;
 use luna::devices::Device;
 use luna::external::LinkError;
+use luna::realtime::off_path;
 use luna::{Error, Process, Receiver, Sender};
-use routing::{Route, Routing, Stop, Typed, poll_ends};
+use routing::{Ends, Route, Routing, Stop, Typed, give_way};
 use std::fmt;
 use std::future::{Future, poll_fn};
-use std::pin::{Pin, pin};
+use std::pin::pin;
 use std::task::Poll;
 
 /// Creates a process that sends the frames of a channel over a port, and gives received frames to
@@ -20,6 +20,7 @@ pub fn controller<P: Port>(device: &Device<P>) -> Controller<P> {
         device: Some(device.clone()),
         outgoing: None,
         receivers: Vec::new(),
+        is_full: Vec::new(),
         events: None,
         on_bus_off: OnBusOff::default(),
         counts: Counts::default(),
@@ -92,6 +93,8 @@ pub struct Controller<P: Port> {
     device: Option<Device<P>>,
     outgoing: Option<Receiver<Frame>>,
     receivers: Vec<Route>,
+    /// Of each receiver: whether its channel had no room for the last frame.
+    is_full: Vec<bool>,
     events: Option<Sender<Event>>,
     on_bus_off: OnBusOff,
     counts: Counts,
@@ -144,6 +147,7 @@ impl<P: Port> Controller<P> {
             filters: filters.to_vec(),
             to: Box::new(Typed { sender, decode }),
         });
+        self.is_full.push(false);
     }
 
     /// Reports events to this channel. It does not wait for it either: an event without room is
@@ -197,34 +201,34 @@ impl<P: Port> Process for Controller<P> {
 impl<P: Port> Controller<P> {
     /// Both directions, until both have ended, or one fails.
     async fn carry(&mut self, port: &P) -> Stop {
-        let filters: Vec<Filter> = self
-            .receivers
-            .iter()
-            .flat_map(|receiver| receiver.filters.iter().copied())
-            .collect();
-        if let Err(error) = port.listen(&filters) {
+        let listens = off_path(|| {
+            let filters: Vec<Filter> = self
+                .receivers
+                .iter()
+                .flat_map(|receiver| receiver.filters.iter().copied())
+                .collect();
+            port.listen(&filters)
+        });
+        if let Err(error) = listens {
             return error.into();
         }
         let outgoing = self.outgoing.take();
         let counts = self.counts.clone();
         let Self {
             receivers,
+            is_full,
             events,
             on_bus_off,
             ..
         } = self;
         let mut routing = Routing {
-            is_full: vec![false; receivers.len()],
+            is_full,
             receivers,
             events: events.as_ref(),
             on_bus_off: *on_bus_off,
             counts: counts.clone(),
         };
-        // Boxed once: an end is waited for again and again.
-        let mut ends: Vec<Pin<Box<Ended<'_>>>> = receivers
-            .iter()
-            .map(|receiver| Box::pin(receiver.to.ended()))
-            .collect();
+        let mut ends = Ends::new(receivers);
         let mut going = pin!(async {
             let Some(outgoing) = outgoing else {
                 return Stop::Closed;
@@ -235,7 +239,7 @@ impl<P: Port> Controller<P> {
         let mut coming = pin!(routing.receive_all(port));
         let mut is_sent = false;
         poll_fn(|cx| {
-            if poll_ends(&mut ends, cx) {
+            if ends.poll(cx) {
                 return Poll::Ready(Stop::Poisoned);
             }
             if !is_sent && let Poll::Ready(stop) = going.as_mut().poll(cx) {
@@ -247,7 +251,7 @@ impl<P: Port> Controller<P> {
             if let Poll::Ready(stop) = coming.as_mut().poll(cx) {
                 return Poll::Ready(stop);
             }
-            match is_sent && ends.is_empty() {
+            match is_sent && ends.are_all() {
                 true => Poll::Ready(Stop::Closed),
                 false => Poll::Pending,
             }
@@ -257,7 +261,7 @@ impl<P: Port> Controller<P> {
 }
 
 async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts) -> Stop {
-    loop {
+    for number in 1_u64.. {
         let frame = match outgoing.recv().await {
             Ok(frame) => frame,
             Err(error) if error.is_closed() => return Stop::Closed,
@@ -267,7 +271,9 @@ async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts
             return error.into();
         }
         counts.add_sent();
+        give_way(number).await;
     }
+    Stop::Closed
 }
 
 impl<P: Port> fmt::Debug for Controller<P> {

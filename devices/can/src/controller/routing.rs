@@ -4,9 +4,13 @@ use super::{CanError, Event, OnBusOff};
 use crate::{BusReport, Counts, Filter, Frame, Incoming, Port, PortError, State};
 use luna::Sender;
 use luna::channel::{ChannelEnd, Ended, TrySendError};
+use luna::realtime::off_path;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
+
+/// How many frames are received or sent in one go.
+const IN_ONE_GO: u64 = 16;
 
 /// A receiver of frames, or of what they stand for.
 pub(super) struct Route {
@@ -54,8 +58,7 @@ impl<T: Send, F: Fn(&Frame) -> Option<T> + Send> Take for Typed<T, F> {
 /// What received frames and reports go to.
 pub(super) struct Routing<'a> {
     pub(super) receivers: &'a [Route],
-    /// Of each receiver: whether its channel had no room for the last frame.
-    pub(super) is_full: Vec<bool>,
+    pub(super) is_full: &'a mut [bool],
     pub(super) events: Option<&'a Sender<Event>>,
     pub(super) on_bus_off: OnBusOff,
     pub(super) counts: Counts,
@@ -64,7 +67,7 @@ pub(super) struct Routing<'a> {
 impl Routing<'_> {
     /// Until something fails.
     pub(super) async fn receive_all<P: Port>(&mut self, port: &P) -> Stop {
-        loop {
+        for number in 1_u64.. {
             let taken = match port.receive().await {
                 Ok(Incoming::Frame(frame)) => self.give(&frame),
                 Ok(Incoming::Report(report)) => self.note(report),
@@ -73,7 +76,9 @@ impl Routing<'_> {
             if let Err(stop) = taken {
                 return stop;
             }
+            give_way(number).await;
         }
+        Stop::Closed
     }
 
     fn give(&mut self, frame: &Frame) -> Result<(), Stop> {
@@ -146,15 +151,44 @@ impl From<PortError> for Stop {
     }
 }
 
-/// Forgets those that have ended. Returns whether one is poisoned.
-pub(super) fn poll_ends(ends: &mut Vec<Pin<Box<Ended<'_>>>>, cx: &mut Context<'_>) -> bool {
-    let mut is_poisoned = false;
-    ends.retain_mut(|end| match end.as_mut().poll(cx) {
-        Poll::Pending => true,
-        Poll::Ready(end) => {
-            is_poisoned |= end == ChannelEnd::Poisoned;
-            false
+/// After some frames other processes have their turn: a port that always has one never waits.
+pub(super) async fn give_way(number: u64) {
+    if number.is_multiple_of(IN_ONE_GO) {
+        luna::yield_now().await;
+    }
+}
+
+/// Waits for the ends of all receivers. Each is in a box of its own, since it is waited for again
+/// and again; boxes are made and dropped off the path.
+pub(super) struct Ends<'a>(Vec<Option<Pin<Box<Ended<'a>>>>>);
+
+impl<'a> Ends<'a> {
+    pub(super) fn new(receivers: &'a [Route]) -> Self {
+        let ends = receivers.iter().map(|receiver| receiver.to.ended());
+        Self(off_path(|| ends.map(Box::pin).map(Some).collect()))
+    }
+
+    /// Forgets those that have ended. Returns whether one is poisoned.
+    pub(super) fn poll(&mut self, cx: &mut Context<'_>) -> bool {
+        let mut is_poisoned = false;
+        for place in &mut self.0 {
+            if let Some(end) = place
+                && let Poll::Ready(how) = end.as_mut().poll(cx)
+            {
+                is_poisoned |= how == ChannelEnd::Poisoned;
+                off_path(|| *place = None);
+            }
         }
-    });
-    is_poisoned
+        is_poisoned
+    }
+
+    pub(super) fn are_all(&self) -> bool {
+        self.0.iter().all(Option::is_none)
+    }
+}
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        off_path(|| self.0 = Vec::new());
+    }
 }

@@ -30,12 +30,16 @@ impl Control {
     ///
     /// There is no such node; so for all functions with a name.
     pub fn corrupt(&self, node: &str, count: u32) {
-        self.with(node, |status| status.to_corrupt += count);
+        self.with(node, |status| {
+            status.to_corrupt = status.to_corrupt.saturating_add(count)
+        });
     }
 
     /// Lets a node miss the next `count` frames of others, without an error.
     pub fn lose(&self, node: &str, count: u32) {
-        self.with(node, |status| status.to_lose += count);
+        self.with(node, |status| {
+            status.to_lose = status.to_lose.saturating_add(count)
+        });
     }
 
     /// Cuts a node off: it gets nothing, and what it sends is [dropped](Self::dropped).
