@@ -177,8 +177,11 @@ fn garbage_closes_the_connection_and_is_named() {
         let http = b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec();
         // A transaction of long ago would be one of 65 536.
         let stale = vec![0xFF, 0xFF, 0, 0, 0, 5, 1, 4, 2, 0, 0];
-        for (bytes, why) in [(http, Garbage::Header), (stale, Garbage::Transaction)] {
-            plc.set(input(0), 1_u16)?;
+        let cases = [
+            (1_u16, http, Garbage::Header),
+            (2, stale, Garbage::Transaction),
+        ];
+        for (number, bytes, why) in cases {
             plc.fault(Fault::Garbage(bytes));
             let Event::Disconnected(error) = events.recv().await? else {
                 panic!("no end")
@@ -187,8 +190,8 @@ fn garbage_closes_the_connection_and_is_named() {
             assert_eq!(error, RequestError::Garbage { request, why });
             // Over the next connection it is well again, though it begins with garbage still.
             plc.fault(Fault::None);
-            plc.set(input(0), 2_u16)?;
-            until(&values, 2).await?;
+            plc.set(input(0), number)?;
+            until(&values, number).await?;
             while events.try_recv().is_ok() {}
         }
         Ok(())

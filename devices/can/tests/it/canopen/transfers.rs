@@ -4,6 +4,7 @@ use super::{id, master, node};
 use crate::common::{Bench, Node, SpawnOk, frame, watchdog};
 use luna_can::canopen::sim::Access;
 use luna_can::canopen::{AbortCode, Object, SdoClient, SdoError};
+use proptest::prelude::*;
 use std::time::Duration;
 
 const SPEED: Object = Object::new(0x2000, 1);
@@ -215,4 +216,55 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
         Ok(())
     });
     bench.run().unwrap();
+}
+
+/// Bytes that are near to those of a server, in part.
+fn answers() -> impl Strategy<Value = Vec<[u8; 8]>> {
+    let commands = prop::sample::select(vec![
+        0x00, 0x01, 0x10, 0x20, 0x30, 0x40, 0x41, 0x43, 0x60, 0x80, 0xE0,
+    ]);
+    let near = (commands, any::<bool>(), 0..40_u8, any::<[u8; 4]>()).prop_map(
+        |(command, is_alike, size, data)| match is_alike {
+            true => [command, 0x08, 0x10, 0, size, 0, 0, 0],
+            false => [command, data[0], data[1], data[2], data[3], 0, 0, 0],
+        },
+    );
+    prop::collection::vec(prop_oneof![near, any::<[u8; 8]>()], 0..12)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever a server answers, a transfer ends, and with an answer or an error.
+    #[test]
+    fn a_transfer_ends_whatever_is_answered(answers in answers(), is_read: bool) {
+        let _watch = watchdog();
+        let mut bench = Bench::new();
+        let server = bench.node("server");
+        let mut network = master(&mut bench);
+        let mut sdo = network.sdo(id()).timeout(TIMEOUT).longest(100);
+        bench.main.process("master").spawn_ok(network.controller());
+        bench.main.process("answers").spawn_ok(async move {
+            for answer in answers {
+                if server.received.recv_timeout(10 * TIMEOUT).await.is_err() {
+                    break;
+                }
+                server.send.send(frame(id().sdo_response(), &answer)).await?;
+            }
+            Ok(())
+        });
+        bench.main.process("user").spawn_ok(async move {
+            let begin = luna::now();
+            let read = match is_read {
+                true => sdo.upload(NAME).await,
+                false => sdo.download(NAME, &[7; 30]).await.map(|()| Vec::new()),
+            };
+            if let Ok(bytes) = read {
+                assert!(bytes.len() <= 100);
+            }
+            assert!(luna::now() - begin < 2 * TIMEOUT);
+            Ok(())
+        });
+        bench.run().unwrap();
+    }
 }
