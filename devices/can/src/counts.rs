@@ -54,7 +54,7 @@ impl Counts {
         self.0.errors.load(Ordering::Relaxed)
     }
 
-    /// Events for which their channel had no room, or that nobody takes.
+    /// Events for which their channel had no room, or that has no receiver.
     pub fn unreported(&self) -> u64 {
         self.0.unreported.load(Ordering::Relaxed)
     }

@@ -19,7 +19,7 @@
 //! | an error on the bus; another error state | counts and reports it; the hardware repeats the frame |
 //! | bus-off | the device is lost: an emergency by default; or it waits ([`OnBusOff`]) |
 //! | the interface is down or gone | the device is lost |
-//! | nobody reads what it sends | a frame waits in the queue of the kernel, then its sender waits |
+//! | the bus takes no frames | a frame waits in the queue of the kernel, then its sender waits |
 //!
 //! **In an emergency** no process runs. A function that is registered with
 //! [`Device::on_emergency`](luna::devices::Device::on_emergency) can send a frame with

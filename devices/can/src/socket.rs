@@ -203,13 +203,11 @@ impl Socket {
 
 /// None stands for all frames.
 fn for_kernel(filter: &Filter) -> Option<CanFilter> {
-    let (extended, remote) = (libc::CAN_EFF_FLAG, 0);
+    // With this in the mask, frames of the other kind are kept out; remote frames are not.
+    let extended = libc::CAN_EFF_FLAG;
     match filter.0 {
         Kind::Any => None,
-        Kind::Standard { id, mask } => Some(CanFilter::new(
-            id.into(),
-            u32::from(mask) | extended | remote,
-        )),
+        Kind::Standard { id, mask } => Some(CanFilter::new(id.into(), u32::from(mask) | extended)),
         Kind::Extended { id, mask } => Some(CanFilter::new(id | extended, mask | extended)),
     }
 }

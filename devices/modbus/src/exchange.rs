@@ -180,7 +180,7 @@ impl Exchange {
         Ok(())
     }
 
-    /// Waits until the event is taken. If nobody takes events, they are only counted.
+    /// Waits until the event is taken. Without a receiver it is only counted.
     async fn report(&mut self, event: Event) -> luna::Result<()> {
         match self.events.send(event).await {
             Err(error) if error.is_poisoned() => Err(Error::Poisoned),

@@ -128,7 +128,7 @@ impl HeartbeatConsumer {
             }
             let watch = match self.next() {
                 Some((due, watch)) if due <= luna::now() => watch,
-                // Nobody receives reports any more.
+                // Its reports have no receiver any more.
                 _ => {
                     return match self.events.ended().await {
                         ChannelEnd::Poisoned => Err(Error::Poisoned),
@@ -151,7 +151,7 @@ impl HeartbeatConsumer {
     }
 }
 
-/// Waits until nobody receives reports, or a heartbeat is due.
+/// Waits until its reports have no receiver any more, or a heartbeat is due.
 async fn over(events: &Sender<NodeEvent>, due: Option<Instant>) {
     let mut ended = pin!(events.ended());
     let mut late = pin!(async {
