@@ -40,9 +40,11 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
+mod connector;
 mod link;
 mod traffic;
 
+pub use connector::Connector;
 pub use link::{Link, link};
 
 use crate::udp::refused;

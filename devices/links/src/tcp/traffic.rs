@@ -1,5 +1,6 @@
 //! One connection after the other, and the traffic over each.
 
+use super::connector::{Retry, stream};
 use super::{Origin, Reconnect};
 use crate::Counts;
 use crate::end::Stop;
@@ -7,8 +8,7 @@ use crate::pump::{Kind, OnBad, pump_in, pump_out};
 use luna::external::{FromBytes, LinkError, Packer, Splitter, ToBytes, Wire};
 use luna::{Receiver, Sender};
 use std::future::{Future, poll_fn};
-use std::io;
-use std::net::{Shutdown, TcpListener, TcpStream};
+use std::net::{Shutdown, TcpStream};
 use std::pin::pin;
 use std::task::Poll;
 use std::time::Duration;
@@ -200,83 +200,6 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
             | (_, Some(stop @ (Stop::Poisoned | Stop::Record(_)))) => Err(stop),
             (Some(Stop::Closed) | None, Some(Stop::Closed) | None) => Ok(()),
             (Some(Stop::Closed) | None, Some(stop)) | (Some(stop), _) => Err(stop),
-        }
-    }
-}
-
-/// The number of attempts since the last useful connection, and the time of the next.
-struct Retry {
-    policy: Reconnect,
-    attempts: u32,
-    /// Before the next attempt but the first.
-    pause: Duration,
-}
-
-impl Retry {
-    fn new(policy: Reconnect) -> Self {
-        Self {
-            policy,
-            attempts: 0,
-            pause: policy.first,
-        }
-    }
-
-    fn is_last(&self) -> bool {
-        self.attempts >= self.policy.attempts
-    }
-
-    /// Waits until it is time for the next attempt.
-    async fn next(&mut self) {
-        if self.attempts > 0 {
-            luna::after(self.pause).await;
-            self.pause = self.pause.saturating_mul(2).min(self.policy.longest);
-        }
-        self.attempts = self.attempts.saturating_add(1);
-    }
-}
-
-/// A new connection.
-async fn stream(origin: &Origin, retry: &mut Retry) -> Result<TcpStream, LinkError> {
-    loop {
-        let made = match origin {
-            Origin::Connect(server) => {
-                retry.next().await;
-                let (server, timeout) = (*server, retry.policy.timeout);
-                // The standard library connects only by waiting, so another thread does.
-                luna::blocking(move || TcpStream::connect_timeout(&server, timeout)).await
-            }
-            Origin::Listen(listener) => {
-                let made = accept(listener).await?;
-                if made.is_err() {
-                    retry.next().await;
-                }
-                made
-            }
-        };
-        match made {
-            Ok(stream) => return Ok(stream),
-            Err(error) if retry.is_last() => {
-                return Err(LinkError::NotConnected {
-                    attempts: retry.attempts,
-                    error: error.into(),
-                });
-            }
-            Err(_) => {}
-        }
-    }
-}
-
-/// The next client.
-async fn accept(listener: &TcpListener) -> Result<io::Result<TcpStream>, LinkError> {
-    loop {
-        match luna::realtime::off_path(|| listener.accept()) {
-            Ok((stream, _)) => return Ok(Ok(stream)),
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                luna::external::readable(listener)
-                    .await
-                    .map_err(LinkError::Wait)?;
-            }
-            Err(error) => return Ok(Err(error)),
         }
     }
 }

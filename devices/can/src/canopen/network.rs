@@ -1,0 +1,151 @@
+//! A controller with what CANopen has on it.
+
+use super::heartbeat::{HeartbeatConsumer, HeartbeatProducer};
+use super::pdo::{self, PdoProducer, SyncProducer};
+use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoValue, SdoClient};
+use crate::{Controller, Counts, Event, Filter, Frame, OnBusOff, Port, controller};
+use luna::devices::Device;
+use luna::{Buffer, Receiver, Sender};
+use std::fmt;
+use std::time::Duration;
+
+/// Frames that wait to be sent, and of each kind to be handled.
+const QUEUE: usize = 64;
+
+/// What this program has to do with the nodes of a bus. Each part is asked for while the system is
+/// set up; then the [controller](Self::controller) is spawned, and each part that is a process.
+pub struct Network<P: Port> {
+    controller: Controller<P>,
+    outgoing: Sender<Frame>,
+}
+
+impl<P: Port> Network<P> {
+    /// Nothing is received or sent yet.
+    pub fn new(device: &Device<P>) -> Self {
+        let (outgoing, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        Self {
+            controller: controller(device).send(frames),
+            outgoing,
+        }
+    }
+
+    /// Sets what is done when this node is bus-off: see [`Controller::on_bus_off`].
+    #[must_use]
+    pub fn on_bus_off(mut self, policy: OnBusOff) -> Self {
+        self.controller = self.controller.on_bus_off(policy);
+        self
+    }
+
+    /// Reports the controller's events to this channel: see [`Controller::events`].
+    #[must_use]
+    pub fn events(mut self, events: Sender<Event>) -> Self {
+        self.controller = self.controller.events(events);
+        self
+    }
+
+    /// What the controller counts.
+    pub fn counts(&self) -> Counts {
+        self.controller.counts()
+    }
+
+    /// Sends frames of the program's own.
+    pub fn sender(&self) -> Sender<Frame> {
+        self.outgoing.clone()
+    }
+
+    /// Commands nodes.
+    pub fn nmt(&self) -> Nmt {
+        Nmt(self.outgoing.clone())
+    }
+
+    /// Reads and writes the objects of a node.
+    pub fn sdo(&mut self, node: NodeId) -> SdoClient {
+        let frames = self.frames(Filter::standard(node.sdo_response(), 0x7FF));
+        SdoClient::new(node, self.outgoing.clone(), frames)
+    }
+
+    /// A process that watches heartbeats, and reports to a channel.
+    pub fn heartbeats(&mut self, events: Sender<NodeEvent>) -> HeartbeatConsumer {
+        let frames = self.frames(Filter::standard(0x700, 0x780));
+        HeartbeatConsumer::new(frames, events)
+    }
+
+    /// A process that sends the heartbeat of a node that this program is. Each state that comes
+    /// from the channel is that of the next heartbeat.
+    pub fn heartbeat(
+        &self,
+        node: NodeId,
+        period: Duration,
+        states: Receiver<NmtState>,
+    ) -> HeartbeatProducer {
+        HeartbeatProducer {
+            node,
+            period,
+            states,
+            frames: self.outgoing.clone(),
+        }
+    }
+
+    /// Gives the EMCY messages of all nodes to a channel, by the controller: see
+    /// [`Controller::receive_as`].
+    pub fn emergencies(&mut self, sender: Sender<Emergency>) {
+        // 80h itself is SYNC: one bit at least is set in the number of a node.
+        let filters: Vec<Filter> = (0..7)
+            .map(|bit| Filter::standard(0x80 | 1 << bit, 0x780 | 1 << bit))
+            .collect();
+        self.receive_as(&filters, Emergency::decode, sender);
+    }
+
+    /// Gives the values of a PDO that a node transmits to a channel, by the controller: see
+    /// [`Controller::receive_as`]. A PDO of another length is [counted](Counts::malformed).
+    pub fn tpdo<T: PdoValue>(&mut self, id: u16, sender: Sender<T>) {
+        self.receive_as(&[Filter::standard(id, 0x7FF)], pdo::decode::<T>, sender);
+    }
+
+    /// A process that sends the values of a channel as a PDO that a node receives.
+    pub fn rpdo<T: PdoValue>(&self, id: u16, values: Receiver<T>) -> PdoProducer<T> {
+        PdoProducer {
+            id,
+            values,
+            frames: self.outgoing.clone(),
+        }
+    }
+
+    /// A process that sends SYNC messages; the channel switches it off and on.
+    pub fn sync(&self, period: Duration, switch: Receiver<bool>) -> SyncProducer {
+        SyncProducer {
+            period,
+            switch,
+            frames: self.outgoing.clone(),
+        }
+    }
+
+    /// The controller, to be spawned, when all parts have been asked for. It ends when they are
+    /// gone.
+    pub fn controller(self) -> Controller<P> {
+        self.controller
+    }
+
+    fn frames(&mut self, filter: Filter) -> Receiver<Frame> {
+        let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        self.receive_as(&[filter], |frame| Some(*frame), sender);
+        frames
+    }
+
+    fn receive_as<T: Send + 'static>(
+        &mut self,
+        filters: &[Filter],
+        decode: impl Fn(&Frame) -> Option<T> + Send + 'static,
+        sender: Sender<T>,
+    ) {
+        self.controller.add(filters, decode, sender);
+    }
+}
+
+impl<P: Port> fmt::Debug for Network<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Network")
+            .field("controller", &self.controller)
+            .finish_non_exhaustive()
+    }
+}

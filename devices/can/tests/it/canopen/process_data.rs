@@ -1,0 +1,158 @@
+//! PDOs as typed channels, and SYNC.
+
+use super::{id, master, node};
+use crate::common::{Bench, SpawnOk, frame, watchdog};
+use luna::prelude::*;
+use luna_can::canopen::sim::Access;
+use luna_can::canopen::{
+    AbortCode, Direction, NmtCommand, Object, PdoError, PdoSetting, SdoError, Transmission,
+};
+use luna_can::{Event, Filter};
+use std::time::Duration;
+
+const STATUS: Object = Object::new(0x6041, 0);
+const CONTROL: Object = Object::new(0x6040, 0);
+const POSITION: Object = Object::new(0x6064, 0);
+const TARGET: Object = Object::new(0x607A, 0);
+
+fn drive(bench: &mut Bench) -> luna_can::canopen::sim::NodeControl {
+    node(bench, |node| {
+        node.object(STATUS, 0_u16, Access::ReadOnly)
+            .object(CONTROL, 0_u16, Access::ReadWrite)
+            .object(POSITION, 0_i32, Access::ReadOnly)
+            .object(TARGET, 0_i32, Access::ReadWrite)
+    })
+}
+
+#[test]
+fn process_data_goes_both_ways_by_event_and_by_sync() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let control = drive(&mut bench);
+    let mut network = master(&mut bench);
+    let (transmitted, received) = (id().tpdo(1).unwrap(), id().rpdo(1).unwrap());
+    let (value, values) = luna::buffered::<(u16, i32)>(Buffer::fifo(16));
+    network.tpdo(transmitted, value);
+    let (status, statuses) = luna::buffered::<u16>(Buffer::fifo(16));
+    network.tpdo(id().tpdo(2).unwrap(), status);
+    let (target, targets) = luna::channel::<(u16, i32)>();
+    let producer = network.rpdo(received, targets);
+    let (switch, switches) = luna::channel::<bool>();
+    let sync = network.sync(Duration::from_millis(10), switches);
+    let (mut sdo, nmt) = (network.sdo(id()), network.nmt());
+    bench.main.process("target").spawn_ok(producer);
+    bench.main.process("sync").spawn_ok(sync);
+    bench.main.process("master").spawn_ok(network.controller());
+    bench.main.process("user").spawn_ok(async move {
+        let (tpdo, rpdo) = (Direction::Tpdo, Direction::Rpdo);
+        PdoSetting::new(tpdo, 1, transmitted, Transmission::Synchronous(2))?
+            .map::<u16>(STATUS)?
+            .map::<i32>(POSITION)?
+            .write(&mut sdo)
+            .await?;
+        PdoSetting::new(tpdo, 2, id().tpdo(2).unwrap(), Transmission::OnEvent)?
+            .map::<u16>(STATUS)?
+            .write(&mut sdo)
+            .await?;
+        PdoSetting::new(rpdo, 1, received, Transmission::OnEvent)?
+            .map::<u16>(CONTROL)?
+            .map::<i32>(TARGET)?
+            .write(&mut sdo)
+            .await?;
+        // No process data before the start.
+        control.set(STATUS, 1_u16).await?;
+        luna::after(Duration::from_millis(50)).await;
+        assert!(values.try_recv().is_err() && statuses.try_recv().is_err());
+
+        nmt.command(NmtCommand::Start, Some(id())).await?;
+        luna::after(Duration::from_millis(1)).await;
+        control.set(STATUS, 0x237_u16).await?;
+        assert_eq!(statuses.recv().await?, 0x237);
+        control.set(POSITION, -70_000_i32).await?;
+        assert_eq!(values.recv().await?, (0x237, -70_000));
+        let begin = luna::now();
+        for _ in 0..10 {
+            values.recv().await?;
+        }
+        assert_eq!(luna::now() - begin, Duration::from_millis(200));
+        target.send((0xF, 123_456)).await?;
+        luna::after(Duration::from_millis(1)).await;
+        assert_eq!(control.get::<u16>(CONTROL), Some(0xF));
+        assert_eq!(control.get::<i32>(TARGET), Some(123_456));
+
+        switch.send(false).await?;
+        luna::after(Duration::from_millis(20)).await;
+        while values.try_recv().is_ok() {}
+        luna::after(Duration::from_millis(100)).await;
+        assert!(values.try_recv().is_err());
+        switch.send(true).await?;
+        values.recv().await?;
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
+fn a_mapping_that_cannot_be_is_refused_here_or_there() {
+    let _watch = watchdog();
+    let (tpdo, event) = (Direction::Tpdo, Transmission::OnEvent);
+    let new = move |number, id| PdoSetting::new(tpdo, number, id, event);
+    assert_eq!(new(0, 0x185).unwrap_err(), PdoError::Number);
+    assert_eq!(new(1, 0x800).unwrap_err(), PdoError::Identifier);
+    let full = new(1, 0x185)
+        .and_then(|setting| setting.map::<u64>(POSITION))
+        .unwrap();
+    assert_eq!(full.map::<u8>(STATUS).unwrap_err(), PdoError::TooLong(9));
+    let mut bench = Bench::new();
+    let control = drive(&mut bench);
+    let mut network = master(&mut bench);
+    let mut sdo = network.sdo(id());
+    bench.main.process("master").spawn_ok(network.controller());
+    bench.main.process("user").spawn_ok(async move {
+        let none = Object::new(0x7000, 0);
+        for object in [none, STATUS] {
+            // There is no such object, or it has another length.
+            let setting = new(1, 0x185)?.map::<u32>(object)?;
+            let error = setting.write(&mut sdo).await.unwrap_err();
+            let SdoError::Aborted { code, object, .. } = error else {
+                panic!("{error}")
+            };
+            assert_eq!(code, AbortCode::NOT_MAPPABLE);
+            assert_eq!(object, Object::new(0x1A00, 0));
+        }
+        drop(control);
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
+fn process_data_of_another_length_is_counted_and_reported() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let stranger = bench.node("stranger");
+    let (event, events) = luna::buffered(Buffer::fifo(16));
+    let mut network = master(&mut bench).events(event);
+    let (value, values) = luna::buffered::<(u16, i32)>(Buffer::fifo(16));
+    network.tpdo(0x185, value);
+    let counts = network.counts();
+    bench.main.process("master").spawn_ok(network.controller());
+    let listener = bench.open("listener");
+    let (all, received) = luna::buffered(Buffer::fifo(16));
+    let listening = luna_can::controller(&listener).receive(&[Filter::ANY], all);
+    bench.main.process("listener").spawn_ok(listening);
+    drop(listener);
+    bench.main.process("user").spawn_ok(async move {
+        for len in [0, 5, 7, 8, 6] {
+            stranger.send.send(frame(0x185, &[1; 8][..len])).await?;
+        }
+        assert_eq!(values.recv().await?, (0x101, 0x101_0101));
+        for _ in 0..4 {
+            assert_eq!(events.recv().await?, Event::Malformed { receiver: 0 });
+        }
+        drop((received, stranger));
+        Ok(())
+    });
+    bench.run().unwrap();
+    assert_eq!((counts.malformed(), counts.received()), (4, 1));
+}

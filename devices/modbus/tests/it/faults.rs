@@ -1,0 +1,271 @@
+//! What a server does wrong, and where it goes.
+
+use crate::common::{AT_ONCE, Bench, SpawnOk, newest, until, with_files};
+use luna::End;
+use luna::devices::DeviceState;
+use luna_modbus::sim::{self, Fault};
+use luna_modbus::{Code, Event, Garbage, RequestError, Table, coil, input};
+use std::io::ErrorKind;
+use std::net::SocketAddr;
+use std::time::Duration;
+
+#[test]
+fn a_refused_read_is_reported_once_and_the_others_go_on() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (absent, nothing) = newest::<u16>();
+    let (value, values) = newest::<u16>();
+    let client = client
+        .read(input(5_000), absent)
+        .and_then(|client| client.read(input(0), value))
+        .unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    main.process("user").spawn_ok(async move {
+        assert_eq!(events.recv().await?, Event::Connected);
+        let Event::ReadRefused(error) = events.recv().await? else {
+            panic!("no refusal")
+        };
+        let request = error.request();
+        assert_eq!((request.function, request.table), (4, Table::Input));
+        assert_eq!((request.address, request.count), (5_000, 1));
+        let code = Code::IllegalAddress;
+        assert_eq!(error, RequestError::Exception { request, code });
+        for number in 1..10 {
+            plc.set(input(0), number)?;
+            until(&values, number).await?;
+        }
+        // No second report of the same, but one of another.
+        assert!(events.try_recv().is_err());
+        plc.fault(Fault::Refuses(Code::Busy));
+        let mut addresses = Vec::new();
+        for _ in 0..2 {
+            let Event::ReadRefused(error) = events.recv().await? else {
+                panic!("no refusal")
+            };
+            addresses.push(error.request().address);
+            assert!(error.to_string().contains("exception 6"), "{error}");
+        }
+        // It may have been between the two when the fault began.
+        addresses.sort();
+        assert_eq!(addresses, [0, 5_000]);
+        drop(nothing);
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    assert!(counts.exceptions() >= 10);
+    assert_eq!(counts.connections(), 1);
+}
+
+#[test]
+fn it_finds_a_server_that_was_away() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (value, values) = newest::<u16>();
+    let client = client.read(input(0), value).unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    let address = plc.address();
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    main.process("user").spawn_ok(async move {
+        let mut plc = plc;
+        for number in 1..4 {
+            assert_eq!(events.recv().await?, Event::Connected);
+            plc.set(input(0), number)?;
+            until(&values, number).await?;
+            plc.stop();
+            let Event::Disconnected(error) = events.recv().await? else {
+                panic!("no end")
+            };
+            assert!(matches!(error, RequestError::HungUp { .. }), "{error}");
+            plc = again(address).await?;
+        }
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    assert!(counts.connections() >= 3, "{counts:?}");
+}
+
+/// Other tests' sockets may have the port for a moment.
+async fn again(address: SocketAddr) -> luna::Result<sim::Server> {
+    loop {
+        match sim::Server::start_at(address) {
+            Err(error) if error.kind() == ErrorKind::AddrInUse => luna::yield_now().await,
+            started => return Ok(started?),
+        }
+    }
+}
+
+#[test]
+fn a_slow_server_makes_cycles_late_and_one_beyond_the_limit_is_left() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (value, values) = newest::<u16>();
+    let limit = Duration::from_millis(500);
+    let client = client
+        .timeout(limit)
+        .and_then(|client| client.read(input(0), value))
+        .unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    plc.fault(Fault::Slow(Duration::from_millis(20)));
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    let seen = counts.clone();
+    main.process("user").spawn_ok(async move {
+        for number in 1..4 {
+            plc.set(input(0), number)?;
+            until(&values, number).await?;
+        }
+        assert!(seen.late() >= 2, "{seen:?}");
+        plc.fault(Fault::Silent);
+        // A busy machine may have been beyond the limit before.
+        let error = loop {
+            if let Event::Disconnected(error) = events.recv().await? {
+                break error;
+            }
+        };
+        let request = error.request();
+        assert_eq!(error, RequestError::TimedOut { request, limit });
+        plc.fault(Fault::None);
+        plc.set(input(0), 9_u16)?;
+        until(&values, 9).await?;
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    assert!(counts.timeouts() >= 1 && counts.connections() >= 2);
+}
+
+#[test]
+fn garbage_closes_the_connection_and_is_named() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (value, values) = newest::<u16>();
+    let client = client.read(input(0), value).unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    main.process("user").spawn_ok(async move {
+        assert_eq!(events.recv().await?, Event::Connected);
+        let http = b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec();
+        // A transaction of long ago would be one of 65 536.
+        let stale = vec![0xFF, 0xFF, 0, 0, 0, 5, 1, 4, 2, 0, 0];
+        let cases = [
+            (1_u16, http, Garbage::Header),
+            (2, stale, Garbage::Transaction),
+        ];
+        for (number, bytes, why) in cases {
+            plc.fault(Fault::Garbage(bytes));
+            let Event::Disconnected(error) = events.recv().await? else {
+                panic!("no end")
+            };
+            let request = error.request();
+            assert_eq!(error, RequestError::Garbage { request, why });
+            // Over the next connection it is well again, though it begins with garbage still.
+            plc.fault(Fault::None);
+            plc.set(input(0), number)?;
+            until(&values, number).await?;
+            while events.try_recv().is_ok() {}
+        }
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    assert!(counts.garbage() >= 2 && counts.connections() >= 3);
+}
+
+#[test]
+fn a_server_that_stays_away_is_a_lost_device_and_an_emergency() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (value, values) = newest::<u16>();
+    let (switch, switches) = newest::<bool>();
+    let client = client
+        .reconnect(AT_ONCE.attempts(3))
+        .read(input(0), value)
+        .and_then(|client| client.write(coil(0), switches))
+        .unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    plc.stop();
+    let devices = system.devices();
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    switch.try_send(true).unwrap();
+    main.process("user").spawn_ok(async move {
+        let Event::WriteFailed { value, error } = events.recv().await? else {
+            panic!("no report")
+        };
+        assert_eq!(value, 1.0);
+        assert!(
+            matches!(error, RequestError::NotConnected { .. }),
+            "{error}"
+        );
+        std::future::pending::<()>().await;
+        drop((switch, values));
+        Ok(())
+    });
+    drop(device);
+    let error = system.run().unwrap_err().to_string();
+    assert!(error.contains("no connection after 3 attempts"), "{error}");
+    assert_eq!(system.report().unwrap().end, End::Emergency);
+    assert_eq!(devices.list()[0].state, DeviceState::Closed);
+    assert_eq!((counts.connections(), counts.write_failures()), (0, 1));
+}
+
+#[test]
+fn a_server_that_hangs_up_at_once_uses_up_the_attempts() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (value, _values) = newest::<u16>();
+    let client = client
+        .reconnect(AT_ONCE.attempts(3))
+        .read(input(0), value)
+        .unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events: _events,
+    } = bench;
+    plc.fault(Fault::HangsUp);
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    drop(device);
+    let error = system.run().unwrap_err().to_string();
+    assert!(error.contains("no connection after 3 attempts"), "{error}");
+    assert_eq!(counts.connections(), 3);
+}

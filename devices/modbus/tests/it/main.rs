@@ -1,0 +1,8 @@
+//! The client against the simulated server, over loopback.
+
+#![cfg(target_os = "linux")]
+
+mod common;
+mod faults;
+mod traffic;
+mod writes;

@@ -1,0 +1,177 @@
+//! No value to write is lost without a report.
+
+use crate::common::{Bench, SpawnOk, newest, until, with_files};
+use luna::prelude::*;
+use luna_modbus::sim::Fault;
+use luna_modbus::{Code, Event, RequestError, holding};
+
+#[test]
+fn a_refused_write_is_reported_with_its_value() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (set, setting) = luna::buffered::<i32>(Buffer::fifo(4));
+    let client = client.write(holding(1_234), setting).unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc: _plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    main.process("user").spawn_ok(async move {
+        set.send(-70_000).await?;
+        assert_eq!(events.recv().await?, Event::Connected);
+        let Event::WriteFailed { value, error } = events.recv().await? else {
+            panic!("no report")
+        };
+        let request = error.request();
+        assert_eq!(
+            (value, request.function, request.address),
+            (-70_000.0, 16, 1_234)
+        );
+        let code = Code::IllegalAddress;
+        assert_eq!(error, RequestError::Exception { request, code });
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    assert_eq!((counts.written(), counts.write_failures()), (0, 1));
+    assert_eq!(counts.connections(), 1);
+}
+
+#[test]
+fn a_write_without_an_answer_is_reported_and_not_repeated() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (set, setting) = luna::channel::<u16>();
+    let (value, values) = newest::<u16>();
+    let client = client
+        .write(holding(0), setting)
+        .and_then(|client| client.read(holding(0), value))
+        .unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    main.process("user").spawn_ok(async move {
+        assert_eq!(events.recv().await?, Event::Connected);
+        set.send(1).await?;
+        until(&values, 1).await?;
+        plc.fault(Fault::HangsUp);
+        // The fault may be found by a read first.
+        set.send(2).await?;
+        let error = loop {
+            match events.recv().await? {
+                Event::WriteFailed { value, error } => {
+                    assert_eq!(value, 2.0);
+                    break error;
+                }
+                other => assert!(!matches!(other, Event::ReadRefused(_)), "{other}"),
+            }
+        };
+        assert!(matches!(error, RequestError::HungUp { .. }), "{error}");
+        plc.fault(Fault::None);
+        plc.set(holding(0), 7_u16)?;
+        until(&values, 7).await?;
+        set.send(3).await?;
+        until(&values, 3).await?;
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    assert_eq!((counts.written(), counts.write_failures()), (2, 1));
+}
+
+#[test]
+fn every_value_is_written_or_reported() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (set, setting) = luna::buffered::<u16>(Buffer::fifo(8));
+    let client = client.write(holding(0), setting).unwrap();
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    const SENT: u16 = 300;
+    main.process("source").spawn_ok(async move {
+        for number in 0..SENT {
+            // Each lasts for more values than the buffer holds, so at least one meets it.
+            let fault = match number / 10 % 6 {
+                1 => Fault::HangsUp,
+                3 => Fault::Garbage(vec![1; 12]),
+                5 => Fault::Refuses(Code::DeviceFailure),
+                _ => Fault::None,
+            };
+            plc.fault(fault);
+            set.send(number).await?;
+        }
+        plc.fault(Fault::None);
+        Ok(())
+    });
+    let (report, reported) = std::sync::mpsc::channel();
+    main.process("reports").spawn_ok(async move {
+        while let Ok(event) = events.recv().await {
+            if let Event::WriteFailed { value, .. } = event {
+                report.send(value).unwrap();
+            }
+        }
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    let reported: Vec<f64> = reported.try_iter().collect();
+    assert_eq!(reported.len() as u64, counts.write_failures());
+    assert_eq!(
+        counts.written() + counts.write_failures(),
+        u64::from(SENT),
+        "{counts:?}"
+    );
+    assert!(reported.len() >= 15 && reported.is_sorted(), "{reported:?}");
+}
+
+#[test]
+fn what_waits_at_the_end_without_a_server_is_reported() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client) = Bench::new();
+    let (set, setting) = luna::buffered::<f32>(Buffer::fifo(4));
+    let client = client.write(holding(10), setting).unwrap();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        events,
+    } = bench;
+    plc.stop();
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    main.process("user").spawn_ok(async move {
+        set.send(0.5).await?;
+        set.send(1.5).await?;
+        drop(set);
+        for expected in [0.5, 1.5] {
+            let Event::WriteFailed { value, error } = events.recv().await? else {
+                panic!("no report")
+            };
+            assert_eq!(value, expected);
+            assert_eq!(
+                error.to_string(),
+                "no connection for function 16, holding register 10 to 11"
+            );
+        }
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+}
