@@ -1,0 +1,42 @@
+//! The clock by which the library counts its timeouts.
+//!
+//! It is the clock of the calling thread, so that timeouts are in a system's virtual time too.
+//! Nothing is woken: the futures of the library are polled after each frame and at their deadline.
+
+use embassy_time_driver::{Driver, TICK_HZ, time_driver_impl};
+use std::task::Waker;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+#[derive(Debug)]
+struct ThreadClock;
+
+impl Driver for ThreadClock {
+    fn now(&self) -> u64 {
+        let ticks = u128::from(luna::now().as_nanos()) * u128::from(TICK_HZ) / 1_000_000_000;
+        u64::try_from(ticks).unwrap_or(u64::MAX)
+    }
+
+    fn schedule_wake(&self, _: u64, _: &Waker) {}
+}
+
+#[allow(
+    unsafe_code,
+    reason = "the macro defines symbols that the library calls"
+)]
+mod driver {
+    use super::{ThreadClock, time_driver_impl};
+
+    time_driver_impl!(static DRIVER: ThreadClock = ThreadClock);
+}
+
+/// 2000-01-01, when distributed clocks begin, after 1970-01-01 (ns).
+const EPOCH: u64 = 946_684_800_000_000_000;
+
+/// The time of day for distributed clocks (ns).
+pub(crate) fn time_of_day() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    let nanos = since.map_or(0, |since| since.as_nanos());
+    u64::try_from(nanos)
+        .unwrap_or(u64::MAX)
+        .saturating_sub(EPOCH)
+}

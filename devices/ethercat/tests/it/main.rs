@@ -1,0 +1,6 @@
+//! Tests of the driver against simulated subdevices. One program; a module a subject.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod data;
