@@ -2,7 +2,7 @@
 
 use crate::error::{OpenError, StepError};
 use crate::exchange::Exchange;
-use crate::{Expected, Found, Link, Wire, timer};
+use crate::{Expected, Found, Link, Wire};
 use ethercrab::error::{Error, Item};
 use ethercrab::subdevice_group::{NoDc, PreOp, PreOpPdi};
 use ethercrab::{
@@ -150,9 +150,10 @@ fn find(wire: &Wire) -> Result<(Box<MainDevice<'static>>, Exchange, Reached), Op
         ..Timeouts::default()
     };
     let main = Box::new(MainDevice::new(pdus, timeouts, config));
+    let begin = port.time();
     let mut exchange = Exchange::new(tx, rx, port);
     let step = "finding subdevices";
-    let finding = Box::pin(main.init_single_group::<MAX_SUBDEVICES, MAX_DATA>(timer::time_of_day));
+    let finding = Box::pin(main.init_single_group::<MAX_SUBDEVICES, MAX_DATA>(|| begin));
     let group = match block_on(&mut exchange, finding) {
         Ok(group) => Box::new(group),
         Err(Failed::Bus(Error::Capacity(Item::SubDevice))) => {

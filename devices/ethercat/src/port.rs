@@ -2,6 +2,7 @@
 
 use crate::sim::Network;
 use crate::socket;
+use crate::timer;
 use luna::Instant;
 use luna::external::FileError;
 use luna_platform::file;
@@ -68,6 +69,15 @@ impl Port {
             Self::Socket(file) => Self::Socket(file.try_clone()?),
             Self::Simulated(network) => Self::Simulated(network.clone()),
         })
+    }
+
+    /// What distributed clocks are set to (ns).
+    pub(crate) fn time(&self) -> u64 {
+        match self {
+            Self::Socket(_) => timer::time_of_day(),
+            // Always the same on virtual time.
+            Self::Simulated(network) => network.time(),
+        }
     }
 
     /// Whether it goes by a system's virtual clock.

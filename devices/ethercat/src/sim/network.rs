@@ -249,6 +249,11 @@ impl Network {
         self.number
     }
 
+    /// Its own time (ns).
+    pub(crate) fn time(&self) -> u64 {
+        self.lock().time.now
+    }
+
     /// Forgets the answers to another bus.
     pub(crate) fn clear(&self) {
         self.lock().answers.clear();

@@ -3,4 +3,9 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod clock;
 mod data;
+mod discovery;
+mod faults;
+mod interface;
+mod safety;
