@@ -11,7 +11,7 @@ const PHASE: Duration = Duration::from_micros(400);
 /// Cycles from OP until the phase has settled.
 const SETTLED: u32 = 100;
 /// By how much the phase may be wrong then, whatever the drift (ns).
-const BOUND: u64 = 100;
+const BOUND: u64 = 200;
 /// How long a frame takes from one subdevice to the next.
 const HOP: Duration = Duration::from_nanos(500);
 
