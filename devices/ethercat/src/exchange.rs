@@ -3,6 +3,7 @@
 use crate::Health;
 use crate::frame::{self, MAX_FRAME};
 use crate::port::Port;
+use crate::timer;
 use ethercrab::{PduRx, PduTx, ReceiveAction};
 use luna::Instant;
 use luna::external::FileError;
@@ -50,15 +51,17 @@ impl Exchange {
         &mut self,
         mut future: Pin<Box<F>>,
     ) -> io::Result<F::Output> {
-        loop {
-            if let Poll::Ready(output) = poll(future.as_mut()) {
-                return Ok(output);
+        timer::by_machine_clock(|| {
+            loop {
+                if let Poll::Ready(output) = poll(future.as_mut()) {
+                    return Ok(output);
+                }
+                self.send();
+                if self.receive(MAX_AT_ONCE) == 0 {
+                    self.port.wait()?;
+                }
             }
-            self.send();
-            if self.receive(MAX_AT_ONCE) == 0 {
-                self.port.wait()?;
-            }
-        }
+        })
     }
 
     /// Awaits `future` until `deadline`; none if it is not ready then.

@@ -1,9 +1,12 @@
 //! The clock by which the library counts its timeouts.
 //!
-//! It is the clock of the calling thread, so that timeouts are in a system's virtual time too.
-//! Nothing is woken: the futures of the library are polled after each frame and at their deadline.
+//! It is the clock of the calling thread, so that timeouts are in a system's virtual time too; while
+//! a bus is set up it is the machine's. Nothing is woken: the futures of the library are polled
+//! after each frame and at their deadline.
 
 use embassy_time_driver::{Driver, TICK_HZ, time_driver_impl};
+use luna::Instant;
+use std::cell::Cell;
 use std::task::Waker;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -12,7 +15,11 @@ struct ThreadClock;
 
 impl Driver for ThreadClock {
     fn now(&self) -> u64 {
-        let ticks = u128::from(luna::now().as_nanos()) * u128::from(TICK_HZ) / 1_000_000_000;
+        let now = match IS_SETTING_UP.get() {
+            true => Instant::now_real(),
+            false => luna::now(),
+        };
+        let ticks = u128::from(now.as_nanos()) * u128::from(TICK_HZ) / 1_000_000_000;
         u64::try_from(ticks).unwrap_or(u64::MAX)
     }
 
@@ -27,6 +34,18 @@ mod driver {
     use super::{ThreadClock, time_driver_impl};
 
     time_driver_impl!(static DRIVER: ThreadClock = ThreadClock);
+}
+
+thread_local! {
+    static IS_SETTING_UP: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Does what blocks, by the machine's clock: a virtual one stands meanwhile.
+pub(crate) fn by_machine_clock<T>(block: impl FnOnce() -> T) -> T {
+    let before = IS_SETTING_UP.replace(true);
+    let outcome = block();
+    IS_SETTING_UP.set(before);
+    outcome
 }
 
 /// 2000-01-01, when distributed clocks begin, after 1970-01-01 (ns).

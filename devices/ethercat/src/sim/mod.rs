@@ -18,6 +18,7 @@
 mod application;
 mod clock;
 mod esc;
+mod line;
 mod network;
 mod server;
 mod sii;
