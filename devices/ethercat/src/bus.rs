@@ -143,10 +143,13 @@ fn find(wire: &Wire) -> Result<(Box<MainDevice<'static>>, Exchange, Reached), Op
     };
     let config = MainDeviceConfig {
         dc_static_sync_iterations: CLOCK_FRAMES,
-        retry_behaviour: RetryBehaviour::Count(2),
+        retry_behaviour: RetryBehaviour::Count(4),
     };
+    // The library's own are so short that a busy computer fails to set a bus up.
     let timeouts = Timeouts {
-        eeprom: Duration::from_millis(50),
+        pdu: Duration::from_millis(100),
+        eeprom: Duration::from_secs(1),
+        mailbox_echo: Duration::from_secs(1),
         ..Timeouts::default()
     };
     let main = Box::new(MainDevice::new(pdus, timeouts, config));

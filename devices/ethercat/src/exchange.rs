@@ -51,17 +51,16 @@ impl Exchange {
         &mut self,
         mut future: Pin<Box<F>>,
     ) -> io::Result<F::Output> {
-        timer::by_machine_clock(|| {
-            loop {
-                if let Poll::Ready(output) = poll(future.as_mut()) {
-                    return Ok(output);
-                }
-                self.send();
-                if self.receive(MAX_AT_ONCE) == 0 {
-                    self.port.wait()?;
-                }
+        loop {
+            let polled = timer::at(self.port.now(), || poll(future.as_mut()));
+            if let Poll::Ready(output) = polled {
+                return Ok(output);
             }
-        })
+            self.send();
+            if self.receive(MAX_AT_ONCE) == 0 {
+                self.port.wait()?;
+            }
+        }
     }
 
     /// Awaits `future` until `deadline`; none if it is not ready then.

@@ -71,6 +71,14 @@ impl Port {
         })
     }
 
+    /// The time by which a set-up has its timeouts (ns). A system's virtual clock stands meanwhile.
+    pub(crate) fn now(&self) -> u64 {
+        match self {
+            Self::Simulated(network) if network.is_virtual() => network.time(),
+            _ => Instant::now_real().as_nanos(),
+        }
+    }
+
     /// What distributed clocks are set to (ns).
     pub(crate) fn time(&self) -> u64 {
         match self {
@@ -134,6 +142,8 @@ impl Port {
                 let mut ready = [PollFd::new(socket.as_fd(), PollFlags::POLLIN)];
                 poll(&mut ready, PollTimeout::from(1_u8))?;
             }
+            // Its time advances by being looked at.
+            Self::Simulated(network) if network.is_virtual() => {}
             Self::Simulated(_) => std::thread::yield_now(),
         }
         Ok(())

@@ -1,11 +1,10 @@
 //! The clock by which the library counts its timeouts.
 //!
-//! It is the clock of the calling thread, so that timeouts are in a system's virtual time too; while
-//! a bus is set up it is the machine's. Nothing is woken: the futures of the library are polled
+//! In a process it is the process' clock, so that timeouts are in a system's virtual time too; while
+//! a bus is set up it is that of the port. Nothing is woken: the futures of the library are polled
 //! after each frame and at their deadline.
 
 use embassy_time_driver::{Driver, TICK_HZ, time_driver_impl};
-use luna::Instant;
 use std::cell::Cell;
 use std::task::Waker;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -15,11 +14,8 @@ struct ThreadClock;
 
 impl Driver for ThreadClock {
     fn now(&self) -> u64 {
-        let now = match IS_SETTING_UP.get() {
-            true => Instant::now_real(),
-            false => luna::now(),
-        };
-        let ticks = u128::from(now.as_nanos()) * u128::from(TICK_HZ) / 1_000_000_000;
+        let now = SET_UP_TIME.get().unwrap_or_else(|| luna::now().as_nanos());
+        let ticks = u128::from(now) * u128::from(TICK_HZ) / 1_000_000_000;
         u64::try_from(ticks).unwrap_or(u64::MAX)
     }
 
@@ -37,14 +33,15 @@ mod driver {
 }
 
 thread_local! {
-    static IS_SETTING_UP: Cell<bool> = const { Cell::new(false) };
+    /// Where a bus is set up, its time (ns).
+    static SET_UP_TIME: Cell<Option<u64>> = const { Cell::new(None) };
 }
 
-/// Does what blocks, by the machine's clock: a virtual one stands meanwhile.
-pub(crate) fn by_machine_clock<T>(block: impl FnOnce() -> T) -> T {
-    let before = IS_SETTING_UP.replace(true);
-    let outcome = block();
-    IS_SETTING_UP.set(before);
+/// Polls by another clock than the thread's, at the time `now` (ns).
+pub(crate) fn at<T>(now: u64, poll: impl FnOnce() -> T) -> T {
+    let before = SET_UP_TIME.replace(Some(now));
+    let outcome = poll();
+    SET_UP_TIME.set(before);
     outcome
 }
 

@@ -193,6 +193,11 @@ impl Network {
         self.lock().time.now
     }
 
+    /// Whether it is for a virtual clock.
+    pub(crate) fn is_virtual(&self) -> bool {
+        self.lock().time.is_virtual
+    }
+
     /// Forgets the answers to another bus.
     pub(crate) fn clear(&self) {
         self.lock().answers.clear();
