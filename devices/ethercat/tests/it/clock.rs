@@ -136,3 +136,33 @@ fn a_loop_goes_on_while_frames_are_lost() {
     });
     system.run().unwrap();
 }
+
+#[test]
+fn clocks_are_kept_together_where_the_loop_follows_none() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::digital(8, 8).with_clock(-100.0));
+    let drive = network.add(SubDevice::servo().with_clock(100.0));
+    let mut system = common::system();
+    let wire = Wire::simulated(&network);
+    let bus = luna_ethercat::open(&system.devices(), &wire, &common::expected()).unwrap();
+    let mut link = bus.link("bus", PERIOD);
+    let (position, positions) = register::<Sample<i32>>();
+    link.input(drive, 2, position);
+    let process = link.process().unwrap();
+    let health = process.health();
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        for cycle in 0..1_000 {
+            positions.recv().await?;
+            let [reference, own] = [0, drive].map(|it| network.system_time(it).unwrap());
+            // They drift 200 ns apart in a cycle, and half of the difference is taken away. Until
+            // the first cycles they had drifted for longer.
+            let difference = own.abs_diff(reference);
+            assert!(difference < 250 || cycle < 20, "{difference} ns in {cycle}");
+        }
+        assert_eq!(health.clock(), FollowState::Acquiring);
+        Ok(())
+    });
+    system.run().unwrap();
+}

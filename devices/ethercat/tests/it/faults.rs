@@ -148,6 +148,53 @@ fn every_third_frame_lost_ends_the_link() {
 }
 
 #[test]
+fn an_answer_that_comes_too_late_is_not_used() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let slow = network.clone();
+    run.go(move |number, sample| {
+        match number {
+            // Longer than the link waits, and shorter than a period.
+            50 => slow.set_latency(Duration::from_micros(900)),
+            54 => slow.set_latency(Duration::ZERO),
+            _ => {}
+        }
+        let expected = if (51..55).contains(&number) {
+            number - 50
+        } else {
+            0
+        };
+        assert_eq!(sample.stale_cycles(), expected, "in {number}");
+    })
+    .unwrap();
+    assert_eq!((health.missed(), health.dropped()), (4, 4));
+    is_safe(&network);
+}
+
+#[test]
+fn a_request_of_op_that_is_lost_is_repeated() {
+    let mut run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    // Of each exchange and its request, the request.
+    network.lose_one_in(Some(2));
+    let mended = network.clone();
+    let main = run.system.executor("mends").build().unwrap();
+    main.process("mends").spawn_ok(async move {
+        luna::after(Duration::from_micros(1_500)).await;
+        assert_eq!(
+            (mended.state(TERMINAL), mended.frames() % 2),
+            (State::SafeOp, 0)
+        );
+        mended.lose_one_in(None);
+        Ok(())
+    });
+    run.go(|_, _| {}).unwrap();
+    assert_eq!(health.missed(), 0);
+    assert!((250..300).contains(&health.cycles()), "{}", health.cycles());
+    is_safe(&network);
+}
+
+#[test]
 fn a_wrong_working_counter_is_counted_and_its_data_not_used() {
     let run = run();
     let (network, health) = (run.network.clone(), run.health.clone());
