@@ -1,10 +1,10 @@
 //! Requests of the library, sent and answered by a port.
 
 use crate::Health;
-use crate::frame::{self, MAX_FRAME};
+use crate::frame::MAX_FRAME;
 use crate::port::Port;
 use crate::timer;
-use ethercrab::{PduRx, PduTx, ReceiveAction};
+use ethercrab::{PduRx, PduTx};
 use luna::Instant;
 use luna::external::FileError;
 use std::future::Future;
@@ -128,15 +128,8 @@ impl Exchange {
                     continue;
                 }
             };
-            let bytes = &self.buffer[..length];
-            // Own frames on their way out come back on some interfaces.
-            let is_used = !frame::is_own(bytes)
-                && match self.rx.receive_frame(bytes) {
-                    Ok(ReceiveAction::Processed) => true,
-                    Ok(ReceiveAction::Ignored) => continue,
-                    Err(_) => false,
-                };
-            if !is_used {
+            // Frames on their way out come back on some interfaces, and are ignored.
+            if self.rx.receive_frame(&self.buffer[..length]).is_err() {
                 self.health.dropped.add();
             }
         }

@@ -4,7 +4,7 @@ use super::ends::Ends;
 use super::running::{Answer, Running};
 use super::{Parts, Stop};
 use crate::exchange::Exchange;
-use crate::{Fault, Health, Neutral, State};
+use crate::{Fault, Health, State};
 use ethercrab::MainDevice;
 use luna::Instant;
 use luna::time::{Cycle, FollowState, Follower, LeaderTick, Periodic};
@@ -119,15 +119,11 @@ impl Cycles {
     }
 
     /// Exchanges process data. Returns the reference clock's time, if there is one.
-    pub(super) async fn exchange(&mut self, neutral: &Neutral) -> Result<Option<ClockTime>, Stop> {
+    pub(super) async fn exchange(&mut self) -> Result<Option<ClockTime>, Stop> {
         self.exchange.drain();
         let sent = luna::now();
         self.begun.get_or_insert(sent);
         self.last = Outcome::Missed;
-        // An emergency meanwhile may have sent its frame before this one.
-        if neutral.is_engaged() {
-            return Ok(None);
-        }
         let exchange = pin!(self.running.exchange(&self.main));
         let answer = self.exchange.until(sent + self.patience, exchange).await;
         let received = luna::now();
@@ -179,10 +175,7 @@ impl Cycles {
             }
             .into());
         }
-        let Some(exchanged) = self.exchanged.filter(|_| self.is_driving) else {
-            return Ok(true);
-        };
-        Ok(ends.send(self.in_a_row, exchanged))
+        Ok(self.send(ends, self.in_a_row))
     }
 
     /// A cycle in which all subdevices took part.
@@ -203,10 +196,13 @@ impl Cycles {
             self.running
                 .with_inputs(&self.main, position, |from| end.read(from));
         }
-        match self.exchanged {
-            Some(exchanged) => Ok(ends.send(0, exchanged)),
-            None => Ok(true),
-        }
+        Ok(self.send(ends, 0))
+    }
+
+    /// Sends the last value of each input; nothing before OP. Returns whether anybody reads one.
+    fn send(&self, ends: &Ends, stale: u32) -> bool {
+        let exchanged = self.exchanged.filter(|_| self.is_driving);
+        exchanged.is_none_or(|exchanged| ends.send(stale, exchanged))
     }
 
     /// Goes on with the start: OP is requested when the loop is in step with the clock.

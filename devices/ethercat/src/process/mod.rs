@@ -159,7 +159,8 @@ impl BusProcess {
                 return Ok(());
             }
             self.cycles.write(ends);
-            let time = self.cycles.exchange(&self.neutral).await?;
+            let time = self.cycles.exchange().await?;
+            // The subdevices have left OP for it.
             if self.neutral.is_engaged() {
                 return Ok(());
             }

@@ -1,9 +1,10 @@
 //! Faults of a bus while it runs.
 
 use crate::common::{self, DRIVE, SpawnOk, TERMINAL, register};
+use luna::TryRecvError;
 use luna::prelude::*;
-use luna_ethercat::sim::Network;
-use luna_ethercat::{Fault, Health, Place, Sample, State};
+use luna_ethercat::sim::{Network, SubDevice};
+use luna_ethercat::{Expected, Fault, Health, Place, Sample, State, Wire};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -199,15 +200,16 @@ fn a_wrong_working_counter_is_counted_and_its_data_not_used() {
     let run = run();
     let (network, health) = (run.network.clone(), run.health.clone());
     let faulty = network.clone();
+    let mut last = None;
     run.go(move |number, sample| {
         if number == 50 {
             faulty.miscount(2);
         }
-        assert_eq!(
-            sample.stale_cycles() > 0,
-            (51..53).contains(&number),
-            "in {number}"
-        );
+        let is_stale = (51..53).contains(&number);
+        assert_eq!(sample.stale_cycles() > 0, is_stale, "in {number}");
+        // A value keeps the time of its exchange.
+        let is_same = last.replace(sample.exchanged_between()) == Some(sample.exchanged_between());
+        assert_eq!(is_same, is_stale, "in {number}");
     })
     .unwrap();
     assert_eq!((health.missed(), health.miscounted()), (0, 2));
@@ -239,6 +241,72 @@ fn a_subdevice_that_leaves_op_ends_the_link_at_once() {
     );
     assert_eq!(health.miscounted(), 0);
     is_safe(&network);
+}
+
+#[test]
+fn channels_are_poisoned_before_the_emergency() {
+    let Run {
+        mut system,
+        network,
+        position,
+        lamp,
+        ..
+    } = run();
+    let main = system.executor("control").build().unwrap();
+    main.process("control").spawn_ok(async move {
+        position.recv().await?;
+        network.fall(DRIVE, 1);
+        while position.recv().await.is_ok() {}
+        assert_eq!(position.try_recv().unwrap_err(), TryRecvError::Poisoned);
+        assert!(lamp.send(true).await.unwrap_err().is_poisoned());
+        Ok(())
+    });
+    let fault = common::fault(system.run());
+    assert!(matches!(fault, Fault::Left { .. }), "{fault}");
+}
+
+#[test]
+fn an_old_answer_with_the_same_number_is_not_used() {
+    // With 64 datagrams a cycle, the number of a frame comes again after four cycles.
+    const COUNT: usize = 62;
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::digital(8, 8).with_clock(0.0));
+    for _ in 1..COUNT {
+        network.add(SubDevice::digital(8, 8));
+    }
+    let terminal = Expected::new("terminal", SubDevice::VENDOR, SubDevice::DIGITAL);
+    let mut system = common::system();
+    let wire = Wire::simulated(&network);
+    let expected = vec![terminal; COUNT];
+    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+    let mut link = bus.link("bus", common::PERIOD);
+    let (level, levels) = register::<Sample<u8>>();
+    link.tolerate(100).input(COUNT - 1, 0, level);
+    let process = link.process().unwrap();
+    let health = process.health();
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        for number in 0..30 {
+            let sample = levels.recv().await?;
+            network.set_inputs(COUNT - 1, &[number]);
+            match number {
+                10 => network.set_latency(Duration::from_micros(3_900)),
+                20 => network.set_latency(Duration::ZERO),
+                _ => {}
+            }
+            let expected = match number {
+                0..=10 => number.saturating_sub(1),
+                // Answers come in their order.
+                11..=23 => 9,
+                _ => number - 1,
+            };
+            assert_eq!(sample.held(), expected, "in {number}");
+        }
+        Ok(())
+    });
+    system.run().unwrap();
+    assert_eq!((health.missed(), health.dropped()), (13, 13));
 }
 
 #[test]
@@ -313,13 +381,22 @@ fn a_subdevice_that_refuses_op_ends_the_start() {
     let mut system = common::system();
     let mut link = common::open(&system, &network).unwrap();
     link.start_within(Duration::from_millis(500));
-    let (_keep, lamps) = register::<bool>();
+    let (lamp, lamps) = register::<bool>();
     link.output_bit(TERMINAL, 0, true, lamps);
     let process = link.process().unwrap();
     // An error that nobody acknowledges keeps it there.
     network.fall(DRIVE, 0x0016);
     let main = system.executor("main").build().unwrap();
     main.process("bus").spawn_ok(process);
+    let seen = network.clone();
+    main.process("lamp").spawn_ok(async move {
+        loop {
+            lamp.send(false).await?;
+            luna::after(Duration::from_millis(1)).await;
+            // The terminal may be in OP; set-points count when all are.
+            assert_eq!(seen.written(TERMINAL), [1, 0]);
+        }
+    });
     let fault = common::fault(system.run());
     let expected = Fault::NotOperational {
         position: DRIVE,
