@@ -213,16 +213,11 @@ impl Link {
     ///
     /// The bus does not have what is connected, a setting is invalid, or a subdevice does not reach
     /// SAFE-OP.
-    pub fn process(mut self) -> Result<BusProcess, LinkError> {
+    pub fn process(self) -> Result<BusProcess, LinkError> {
         if let Some(wrong) = self.wrong() {
             return Err(LinkError::Setting(wrong));
         }
         self.ends.check(&self.bus.found)?;
-        let period = self.period.as_nanos();
-        let cycles = |age: Duration| u32::try_from(age.as_nanos() / period).unwrap_or(u32::MAX);
-        for (end, age) in self.ends.outputs.iter_mut().zip(&self.ages) {
-            end.set_greatest_age(age.map(cycles));
-        }
         let follower = self.follower()?;
         let safe = self.ends.safe_outputs(&self.bus.found);
         let Bus {
@@ -277,6 +272,7 @@ impl Link {
             tolerated: self.tolerated,
             start_limit: self.start_limit,
             ends: self.ends,
+            ages: self.ages,
             found,
             device,
             kept: self.kept,

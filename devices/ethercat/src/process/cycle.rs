@@ -73,7 +73,7 @@ impl Cycles {
         let counter = found.map(|each| counts(each.inputs, 1) + counts(each.outputs, 2));
         Self {
             health: exchange.health.clone(),
-            patience: parts.period.mul_f64(parts.patience),
+            patience: parts.period,
             period: u64::try_from(parts.period.as_nanos()).unwrap_or(u64::MAX),
             counter: counter.sum(),
             limit: parts.tolerated.saturating_mul(WEIGHT),
@@ -90,6 +90,11 @@ impl Cycles {
             running,
             follower,
         }
+    }
+
+    /// Sets how long to wait for an answer.
+    pub(super) fn wait_for(&mut self, patience: Duration) {
+        self.patience = patience;
     }
 
     pub(super) fn is_simulated(&self) -> bool {
@@ -184,7 +189,7 @@ impl Cycles {
         self.level = self.level.saturating_sub(1);
         if !self.is_driving {
             match answer.not_op {
-                None if self.requested.is_some() => self.is_driving = true,
+                None => self.is_driving = true,
                 _ => {
                     self.start(answer.not_op).await?;
                     return Ok(true);

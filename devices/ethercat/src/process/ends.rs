@@ -4,6 +4,7 @@ use super::age::SetPoints;
 use crate::value::Field;
 use crate::{Fault, Found, LinkError, Place, Sample};
 use luna::{Instant, Receiver, Sender};
+use std::time::Duration;
 
 /// An input: a value that goes from the bus to a channel.
 pub(crate) trait Input: Send {
@@ -181,6 +182,15 @@ impl Ends {
             }
         }
         Ok(())
+    }
+
+    /// Sets how old set-points may be, in whole periods.
+    pub(super) fn set_greatest_ages(&mut self, ages: &[Option<Duration>], period: Duration) {
+        let period = period.as_nanos().max(1);
+        let cycles = |age: Duration| u32::try_from(age.as_nanos() / period).unwrap_or(u32::MAX);
+        for (end, age) in self.outputs.iter_mut().zip(ages) {
+            end.set_greatest_age(age.map(cycles));
+        }
     }
 
     /// The safe values of all outputs of a bus, subdevice after subdevice.

@@ -47,6 +47,8 @@ pub(crate) struct Parts {
     pub(crate) tolerated: u32,
     pub(crate) start_limit: Duration,
     pub(crate) ends: Ends,
+    /// Of set-points, in the order of the outputs.
+    pub(crate) ages: Vec<Option<Duration>>,
     pub(crate) found: Vec<Found>,
     /// Until the outputs are safe at the end.
     pub(crate) device: Option<Device<BusDevice>>,
@@ -150,6 +152,12 @@ impl BusProcess {
             }
             .into());
         }
+        // A system file may have given the loop another period.
+        self.cycles
+            .wait_for(tick.period().mul_f64(self.parts.patience));
+        self.parts
+            .ends
+            .set_greatest_ages(&self.parts.ages, tick.period());
         loop {
             let slot = tick.next().await;
             self.health.cycles.add();

@@ -7,6 +7,7 @@ use luna::prelude::*;
 use luna_ethercat::sim::{Network, SubDevice};
 use luna_ethercat::{Expected, Fault, Link, OpenError, Wire};
 pub(crate) use spawn::SpawnOk;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(1);
@@ -43,6 +44,18 @@ pub(crate) fn system() -> System {
     let mut system = System::new("test");
     system.virtual_clock();
     system
+}
+
+/// Gives the loop `bus` another period, as a system file does.
+pub(crate) fn period_from_file(system: &mut System, period: &str) {
+    static FILES: AtomicU32 = AtomicU32::new(0);
+    let number = FILES.fetch_add(1, Ordering::Relaxed);
+    let name = format!("luna-ethercat-{}-{number}.toml", std::process::id());
+    let file = std::env::temp_dir().join(name);
+    std::fs::write(&file, format!("[loop.bus]\nperiod = \"{period}\"\n")).unwrap();
+    let read = system.deployment_from(&file);
+    std::fs::remove_file(&file).unwrap();
+    read.unwrap();
 }
 
 /// The fault that has ended a run.

@@ -166,3 +166,23 @@ fn clocks_are_kept_together_where_the_loop_follows_none() {
     });
     system.run().unwrap();
 }
+
+#[test]
+fn pulses_have_the_period_of_the_program() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::servo().with_clock(0.0));
+    let mut system = common::system();
+    common::period_from_file(&mut system, "2 ms");
+    let expected = [Expected::new("drive", SubDevice::VENDOR, SubDevice::SERVO).sync0()];
+    let wire = Wire::simulated(&network);
+    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+    let mut link = bus.link("bus", PERIOD);
+    link.follow_clock(PHASE);
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(link.process().unwrap());
+    let expected = Fault::Period {
+        configured: PERIOD,
+        given: 2 * PERIOD,
+    };
+    assert_eq!(common::fault(system.run()), expected);
+}

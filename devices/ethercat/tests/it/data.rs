@@ -61,3 +61,25 @@ fn values_go_both_ways() {
     assert_eq!(network.written(TERMINAL), [0, 0]);
     assert_eq!(network.written(DRIVE), [0; 6]);
 }
+
+#[test]
+fn a_system_file_gives_the_bus_another_period() {
+    let network = common::machine();
+    let mut system = common::system();
+    common::period_from_file(&mut system, "2 ms");
+    let mut link = common::open(&system, &network).unwrap();
+    let (position, positions) = register::<Sample<i32>>();
+    link.input(DRIVE, 2, position);
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(link.process().unwrap());
+    main.process("control").spawn_ok(async move {
+        let mut last = positions.recv().await?.exchanged_between()[0];
+        for _ in 0..10 {
+            let at = positions.recv().await?.exchanged_between()[0];
+            assert_eq!(at - last, 2 * PERIOD);
+            last = at;
+        }
+        Ok(())
+    });
+    system.run().unwrap();
+}

@@ -46,6 +46,28 @@ fn is_safe(network: &Network) {
 }
 
 #[test]
+fn outputs_without_a_set_point_are_safe() {
+    let network = common::machine();
+    let mut system = common::system();
+    let mut link = common::open(&system, &network).unwrap();
+    let (brake, brakes) = register::<bool>();
+    link.output_bit(TERMINAL, 3, true, brakes);
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(link.process().unwrap());
+    let seen = network.clone();
+    main.process("brake").spawn_ok(async move {
+        // For longer than a set-point may be old.
+        luna::after(Duration::from_millis(500)).await;
+        assert_eq!(seen.outputs(TERMINAL), [0b1000, 0]);
+        brake.send(false).await?;
+        luna::after(Duration::from_millis(2)).await;
+        assert_eq!(seen.outputs(TERMINAL), [0, 0]);
+        Ok(())
+    });
+    system.run().unwrap();
+}
+
+#[test]
 fn an_emergency_makes_the_outputs_safe() {
     let network = common::machine();
     let mut system = common::system();
