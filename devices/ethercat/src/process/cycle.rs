@@ -136,9 +136,11 @@ impl Cycles {
             return Ok(None);
         };
         self.last = Outcome::Answered(answer);
-        if self.is_whole(&answer) {
-            self.exchanged = Some([sent, received]);
+        if !self.is_whole(&answer) {
+            // The clock's time may be missing too.
+            return Ok(None);
         }
+        self.exchanged = Some([sent, received]);
         Ok(answer.time.map(|time| ClockTime {
             time,
             sent,

@@ -138,6 +138,42 @@ fn a_loop_goes_on_while_frames_are_lost() {
 }
 
 #[test]
+fn frames_that_did_not_reach_the_clock_are_not_followed() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::digital(8, 8));
+    let drive = network.add(SubDevice::servo().with_clock(-80.0));
+    let mut system = common::system();
+    let wire = Wire::simulated(&network);
+    let [terminal, servo] = common::expected();
+    let expected = [terminal, servo.sync0()];
+    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+    let mut link = bus.link("bus", PERIOD);
+    let (position, positions) = register::<Sample<i32>>();
+    link.follow_clock(PHASE)
+        .tolerate(50)
+        .input(drive, 2, position);
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(link.process().unwrap());
+    main.process("control").spawn_ok(async move {
+        for cycle in 0..600 {
+            positions.recv().await?;
+            match cycle {
+                400 => network.cut(drive),
+                410 => network.mend(),
+                _ => {}
+            }
+            if cycle > 410 {
+                let phase = network.sync_phase(drive).unwrap();
+                let error = phase.abs_diff(PHASE.as_nanos() as u64);
+                assert!(error <= BOUND, "{error} ns in {cycle}");
+            }
+        }
+        Ok(())
+    });
+    system.run().unwrap();
+}
+
+#[test]
 fn clocks_are_kept_together_where_the_loop_follows_none() {
     let network = Network::on_virtual_time();
     network.add(SubDevice::digital(8, 8).with_clock(-100.0));
