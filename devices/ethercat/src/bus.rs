@@ -59,7 +59,7 @@ impl BusDevice {
 /// ended and the outputs are safe. Its subdevices have to be those of `expected`, in this order.
 ///
 /// For set-up: blocks and allocates, for a second or so where distributed clocks are aligned, and
-/// for some seconds at most if a subdevice fails. Each bus that is opened keeps about 25 KiB until
+/// for some seconds at most if a subdevice fails. Each bus that is opened keeps about 7 KiB until
 /// the program ends. All subdevices are reset first, whatever program has used them.
 ///
 /// # Errors
@@ -136,7 +136,7 @@ fn find(wire: &Wire) -> Result<(Box<MainDevice<'static>>, Exchange, Reached), Op
         wire: wire.name(),
         error,
     })?;
-    // The library borrows it from all its parts.
+    // All parts of the library borrow it.
     let storage: &'static PduStorage<FRAMES, FRAME_SIZE> = Box::leak(Box::new(PduStorage::new()));
     let Ok((tx, rx, pdus)) = storage.try_split() else {
         unreachable!("a new storage is not split");

@@ -142,6 +142,16 @@ fn more_process_data_than_a_frame_has_room_for() {
 }
 
 #[test]
+fn more_subdevices_than_a_bus_can_have() {
+    let network = Network::on_virtual_time();
+    for _ in 0..65 {
+        network.add(SubDevice::digital(1, 1));
+    }
+    let error = luna_ethercat::scan(&Wire::simulated(&network)).unwrap_err();
+    assert!(matches!(error, OpenError::TooMany { most: 64 }), "{error}");
+}
+
+#[test]
 fn values_that_the_bus_does_not_have() {
     let network = common::machine();
     let refused = |connect: &dyn Fn(&mut luna_ethercat::Link)| {
