@@ -61,6 +61,7 @@ impl Esc {
             inputs,
             application,
             drift,
+            watchdog,
         } = description;
         let mut memory = vec![0; MEMORY].into_boxed_slice();
         memory[0] = 0x11;
@@ -68,9 +69,9 @@ impl Esc {
         // A clock of 64 bits with SYNC units.
         let support = if drift.is_some() { 0x010c_u16 } else { 0 };
         memory[SUPPORT..SUPPORT + 2].copy_from_slice(&support.to_le_bytes());
-        // A watchdog of 100 ms: 1000 steps of 100 µs, in units of 40 ns.
+        // The watchdog counts steps of 100 µs, in units of 40 ns.
         memory[WATCHDOG_DIVIDER..WATCHDOG_DIVIDER + 2].copy_from_slice(&2498_u16.to_le_bytes());
-        memory[WATCHDOG_TIME..WATCHDOG_TIME + 2].copy_from_slice(&1000_u16.to_le_bytes());
+        memory[WATCHDOG_TIME..WATCHDOG_TIME + 2].copy_from_slice(&watchdog.to_le_bytes());
         let length = sii::length(&outputs);
         let mut esc = Self {
             eeprom: sii::content(&name, identity, &outputs, &inputs),

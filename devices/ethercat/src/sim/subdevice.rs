@@ -1,6 +1,7 @@
 //! The description of a simulated subdevice.
 
 use super::application::{Application, Nothing, Servo};
+use std::time::Duration;
 
 /// What a subdevice states about itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -26,6 +27,8 @@ pub struct SubDevice {
     pub(super) application: Box<dyn Application>,
     /// Parts per million by which its clock is fast, if it has one.
     pub(super) drift: Option<f64>,
+    /// In units of 100 µs.
+    pub(super) watchdog: u16,
 }
 
 impl SubDevice {
@@ -53,6 +56,7 @@ impl SubDevice {
             inputs: inputs.to_vec(),
             application: Box::new(application),
             drift: None,
+            watchdog: 1000,
         }
     }
 
@@ -87,6 +91,15 @@ impl SubDevice {
     #[must_use]
     pub fn with_clock(mut self, drift: f64) -> Self {
         self.drift = Some(drift);
+        self
+    }
+
+    /// How long it stays operational without outputs: 100 ms if not stated, at most 6.5 s. Zero
+    /// turns the watchdog off, for tests on the machine's clock: a busy computer is not to make it
+    /// expire.
+    #[must_use]
+    pub fn with_watchdog(mut self, time: Duration) -> Self {
+        self.watchdog = u16::try_from(time.as_micros() / 100).unwrap_or(u16::MAX);
         self
     }
 
