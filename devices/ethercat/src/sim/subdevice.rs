@@ -1,0 +1,112 @@
+//! The description of a simulated subdevice.
+
+use super::application::{Application, Nothing, Servo};
+use std::time::Duration;
+
+/// What a subdevice states about itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Identity {
+    /// The vendor's number.
+    pub vendor: u32,
+    /// The product's number.
+    pub product: u32,
+    /// Its revision.
+    pub revision: u32,
+    /// Its serial number.
+    pub serial: u32,
+}
+
+/// A subdevice that is to be simulated: see [`Network::add`](super::Network::add).
+#[derive(Debug)]
+pub struct SubDevice {
+    pub(super) name: String,
+    pub(super) identity: Identity,
+    /// The lengths of the entries (bits).
+    pub(super) outputs: Vec<u8>,
+    pub(super) inputs: Vec<u8>,
+    pub(super) application: Box<dyn Application>,
+    /// Parts per million by which its clock is fast, if it has one.
+    pub(super) drift: Option<f64>,
+    /// In units of 100 µs.
+    pub(super) watchdog: u16,
+}
+
+impl SubDevice {
+    /// The vendor of those that this crate describes. No real vendor has it.
+    pub const VENDOR: u32 = 0x4c55_4e41;
+    /// The product of [`digital`](Self::digital).
+    pub const DIGITAL: u32 = 0xd101;
+    /// The product of [`servo`](Self::servo).
+    pub const SERVO: u32 = 0x5e44;
+
+    /// A subdevice with entries of process data of these lengths (bits, at most 255 each), in
+    /// their order, and with `application` behind them. The bytes of all its outputs, and of all
+    /// its inputs, are at most 2048.
+    pub fn new(
+        name: &str,
+        identity: Identity,
+        outputs: &[u8],
+        inputs: &[u8],
+        application: impl Application + 'static,
+    ) -> Self {
+        Self {
+            name: name.to_owned(),
+            identity,
+            outputs: outputs.to_vec(),
+            inputs: inputs.to_vec(),
+            application: Box::new(application),
+            drift: None,
+            watchdog: 1000,
+        }
+    }
+
+    /// A terminal with so many digital outputs and inputs, one bit each: bit 0 of byte 0 is the
+    /// first.
+    pub fn digital(outputs: u8, inputs: u8) -> Self {
+        let bits = |count: u8| vec![1; count.into()];
+        let identity = Self::identity(Self::DIGITAL);
+        Self::new("DIGITAL", identity, &bits(outputs), &bits(inputs), Nothing)
+    }
+
+    /// A drive. Outputs: the control word (u16, byte 0), the target velocity (i32, byte 2, counts
+    /// a second). Inputs: the status word (u16, byte 0), the position (i32, byte 2, counts), the
+    /// velocity (i32, byte 6).
+    pub fn servo() -> Self {
+        let identity = Self::identity(Self::SERVO);
+        let servo = Servo::default();
+        Self::new("SERVO", identity, &[16, 32], &[16, 32, 32], servo)
+    }
+
+    fn identity(product: u32) -> Identity {
+        Identity {
+            vendor: Self::VENDOR,
+            product,
+            revision: 1,
+            serial: 0,
+        }
+    }
+
+    /// Gives it a distributed clock that is fast by `drift` parts per million. The first
+    /// subdevice with a clock is the reference.
+    #[must_use]
+    pub fn with_clock(mut self, drift: f64) -> Self {
+        self.drift = Some(drift);
+        self
+    }
+
+    /// How long it stays operational without outputs: 100 ms if not stated, at most 6.5 s. Zero
+    /// turns the watchdog off, for tests on the machine's clock: a busy computer is not to make it
+    /// expire.
+    #[must_use]
+    pub fn with_watchdog(mut self, time: Duration) -> Self {
+        self.watchdog = u16::try_from(time.as_micros() / 100).unwrap_or(u16::MAX);
+        self
+    }
+
+    /// Another identity.
+    #[must_use]
+    pub fn with_identity(mut self, identity: Identity) -> Self {
+        self.identity = identity;
+        self
+    }
+}

@@ -1,0 +1,444 @@
+//! Faults of a bus while it runs.
+
+use crate::common::{self, DRIVE, SpawnOk, TERMINAL, register};
+use luna::TryRecvError;
+use luna::prelude::*;
+use luna_ethercat::sim::{Network, SubDevice};
+use luna_ethercat::{Expected, Fault, Health, Place, Sample, State, Wire};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A bus with a lamp that is to burn, whose safe value is off, and a drive that is watched.
+struct Run {
+    system: System,
+    network: Network,
+    health: Arc<Health>,
+    position: Receiver<Sample<i32>>,
+    lamp: Sender<bool>,
+}
+
+fn run() -> Run {
+    let network = common::machine();
+    let system = common::system();
+    let mut link = common::open(&system, &network).unwrap();
+    let (samples, position) = register();
+    let (lamp, lamps) = register();
+    link.input(DRIVE, 2, samples)
+        .output_bit(TERMINAL, 0, false, lamps);
+    let process = link.process().unwrap();
+    let health = process.health();
+    let mut run = Run {
+        system,
+        network,
+        health,
+        position,
+        lamp,
+    };
+    let main = run.system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    run
+}
+
+impl Run {
+    /// Runs with a controller that gets each sample with its number, and keeps the lamp burning.
+    fn go(
+        self,
+        mut each: impl FnMut(u32, Sample<i32>) + Send + 'static,
+    ) -> luna::Result<luna::Report> {
+        let Self {
+            mut system,
+            position,
+            lamp,
+            ..
+        } = self;
+        let main = system.executor("control").build().unwrap();
+        main.process("control").spawn_ok(async move {
+            for number in 0..200 {
+                let sample = position.recv().await?;
+                each(number, sample);
+                lamp.send(true).await?;
+            }
+            Ok(())
+        });
+        system.run()
+    }
+}
+
+fn is_safe(network: &Network) {
+    assert_eq!(network.state(TERMINAL), State::SafeOp);
+    assert_eq!(
+        (network.written(TERMINAL), network.outputs(TERMINAL)),
+        (vec![0; 2], vec![0; 2])
+    );
+}
+
+#[test]
+fn lost_frames_are_counted_and_shown() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let lossy = network.clone();
+    run.go(move |number, sample| {
+        if number == 50 {
+            lossy.lose(3);
+        }
+        let expected = if (51..54).contains(&number) {
+            number - 50
+        } else {
+            0
+        };
+        assert_eq!(sample.stale_cycles(), expected, "in {number}");
+        assert_eq!(sample.fresh().is_none(), expected > 0);
+    })
+    .unwrap();
+    assert_eq!(
+        (
+            health.missed(),
+            health.longest_silence(),
+            health.miscounted()
+        ),
+        (3, 3, 0)
+    );
+    is_safe(&network);
+}
+
+#[test]
+fn too_many_lost_frames_end_the_link() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let lossy = network.clone();
+    // Those that make it safe come through.
+    let outcome = run.go(move |number, _| {
+        if number == 50 {
+            lossy.lose(11);
+        }
+    });
+    let fault = common::fault(outcome);
+    assert_eq!(
+        fault,
+        Fault::TooManyErrors {
+            in_a_row: 11,
+            silent: None
+        }
+    );
+    assert_eq!(health.missed(), 11);
+    is_safe(&network);
+}
+
+#[test]
+fn every_third_frame_lost_ends_the_link() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let lossy = network.clone();
+    let outcome = run.go(move |number, _| {
+        if number == 50 {
+            lossy.lose_one_in(Some(3));
+        }
+    });
+    let fault = common::fault(outcome);
+    assert_eq!(
+        fault,
+        Fault::TooManyErrors {
+            in_a_row: 1,
+            silent: None
+        }
+    );
+    // Each weighs as ten good ones: 10 - 2 a loss, until 100 is passed.
+    assert_eq!(health.missed(), 13);
+    // One of the three frames that make it safe is lost too.
+    is_safe(&network);
+}
+
+#[test]
+fn an_answer_that_comes_too_late_is_not_used() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let slow = network.clone();
+    run.go(move |number, sample| {
+        match number {
+            // Longer than the link waits, and shorter than a period.
+            50 => slow.set_latency(Duration::from_micros(900)),
+            54 => slow.set_latency(Duration::ZERO),
+            _ => {}
+        }
+        let expected = if (51..55).contains(&number) {
+            number - 50
+        } else {
+            0
+        };
+        assert_eq!(sample.stale_cycles(), expected, "in {number}");
+    })
+    .unwrap();
+    assert_eq!((health.missed(), health.dropped()), (4, 4));
+    is_safe(&network);
+}
+
+#[test]
+fn a_request_of_op_that_is_lost_is_repeated() {
+    let mut run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    // Of each exchange and its request, the request.
+    network.lose_one_in(Some(2));
+    let mended = network.clone();
+    let main = run.system.executor("mends").build().unwrap();
+    main.process("mends").spawn_ok(async move {
+        luna::after(Duration::from_micros(1_500)).await;
+        assert_eq!(
+            (mended.state(TERMINAL), mended.frames() % 2),
+            (State::SafeOp, 0)
+        );
+        mended.lose_one_in(None);
+        Ok(())
+    });
+    run.go(|_, _| {}).unwrap();
+    assert_eq!(health.missed(), 0);
+    assert!((250..300).contains(&health.cycles()), "{}", health.cycles());
+    is_safe(&network);
+}
+
+#[test]
+fn a_wrong_working_counter_is_counted_and_its_data_not_used() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let faulty = network.clone();
+    let mut last = None;
+    run.go(move |number, sample| {
+        if number == 50 {
+            faulty.miscount(2);
+        }
+        let is_stale = (51..53).contains(&number);
+        assert_eq!(sample.stale_cycles() > 0, is_stale, "in {number}");
+        // A value keeps the time of its exchange.
+        let is_same = last.replace(sample.exchanged_between()) == Some(sample.exchanged_between());
+        assert_eq!(is_same, is_stale, "in {number}");
+    })
+    .unwrap();
+    assert_eq!((health.missed(), health.miscounted()), (0, 2));
+    is_safe(&network);
+}
+
+#[test]
+fn a_subdevice_that_leaves_op_ends_the_link_at_once() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let faulty = network.clone();
+    let outcome = run.go(move |number, _| {
+        if number == 50 {
+            faulty.fall(DRIVE, 0x001b);
+        }
+        assert!(number <= 50, "an old value is sent");
+    });
+    let fault = common::fault(outcome);
+    let expected = Fault::Left {
+        position: DRIVE,
+        state: State::SafeOp,
+        code: Some(0x001b),
+    };
+    assert_eq!(fault, expected);
+    let text = fault.to_string();
+    assert!(
+        text.contains("position 1 has left OP: it is in SAFE-OP"),
+        "{text}"
+    );
+    assert_eq!(health.miscounted(), 0);
+    is_safe(&network);
+}
+
+#[test]
+fn channels_are_poisoned_before_the_emergency() {
+    let Run {
+        mut system,
+        network,
+        position,
+        lamp,
+        ..
+    } = run();
+    let main = system.executor("control").build().unwrap();
+    main.process("control").spawn_ok(async move {
+        position.recv().await?;
+        network.fall(DRIVE, 1);
+        while position.recv().await.is_ok() {}
+        assert_eq!(position.try_recv().unwrap_err(), TryRecvError::Poisoned);
+        assert!(lamp.send(true).await.unwrap_err().is_poisoned());
+        Ok(())
+    });
+    let fault = common::fault(system.run());
+    assert!(matches!(fault, Fault::Left { .. }), "{fault}");
+}
+
+#[test]
+fn an_old_answer_with_the_same_number_is_not_used() {
+    // With 64 datagrams a cycle, the number of a frame comes again after four cycles.
+    const COUNT: usize = 62;
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::digital(8, 8).with_clock(0.0));
+    for _ in 1..COUNT {
+        network.add(SubDevice::digital(8, 8));
+    }
+    let terminal = Expected::new("terminal", SubDevice::VENDOR, SubDevice::DIGITAL);
+    let mut system = common::system();
+    let wire = Wire::simulated(&network);
+    let expected = vec![terminal; COUNT];
+    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+    let mut link = bus.link("bus", common::PERIOD);
+    let (level, levels) = register::<Sample<u8>>();
+    link.tolerate(100).input(COUNT - 1, 0, level);
+    let process = link.process().unwrap();
+    let health = process.health();
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        for number in 0..30 {
+            let sample = levels.recv().await?;
+            network.set_inputs(COUNT - 1, &[number]);
+            match number {
+                10 => network.set_latency(Duration::from_micros(3_900)),
+                20 => network.set_latency(Duration::ZERO),
+                _ => {}
+            }
+            let expected = match number {
+                0..=10 => number.saturating_sub(1),
+                // Answers come in their order.
+                11..=23 => 9,
+                _ => number - 1,
+            };
+            assert_eq!(sample.held(), expected, "in {number}");
+        }
+        Ok(())
+    });
+    system.run().unwrap();
+    assert_eq!((health.missed(), health.dropped()), (13, 13));
+}
+
+#[test]
+fn a_cable_that_is_cut_names_the_subdevice_behind_it() {
+    let run = run();
+    let network = run.network.clone();
+    let faulty = network.clone();
+    let outcome = run.go(move |number, sample| {
+        if number == 50 {
+            faulty.cut(DRIVE);
+        }
+        assert_eq!(sample.fresh().is_some(), number <= 50);
+    });
+    let fault = common::fault(outcome);
+    let expected = Fault::TooManyErrors {
+        in_a_row: 11,
+        silent: Some(DRIVE),
+    };
+    assert_eq!(fault, expected);
+    is_safe(&network);
+    // The drive got no frame that makes it safe: its watchdog has to.
+    assert_eq!(network.state(DRIVE), State::Op);
+}
+
+#[test]
+fn a_cable_that_is_mended_in_time_is_no_fault() {
+    let run = run();
+    let (network, health) = (run.network.clone(), run.health.clone());
+    let faulty = network.clone();
+    run.go(move |number, _| match number {
+        50 => faulty.cut(DRIVE),
+        55 => faulty.mend(),
+        _ => {}
+    })
+    .unwrap();
+    assert_eq!(health.miscounted(), 5);
+    is_safe(&network);
+}
+
+#[test]
+fn a_writer_that_hangs_ends_the_link() {
+    let network = common::machine();
+    let mut system = common::system();
+    let mut link = common::open(&system, &network).unwrap();
+    let (velocity, velocities) = register::<i32>();
+    link.greatest_age(Some(Duration::from_millis(20)))
+        .output(DRIVE, 2, 0, velocities);
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(link.process().unwrap());
+    let seen = network.clone();
+    main.process("hangs").spawn_ok(async move {
+        velocity.send(1000).await?;
+        luna::after(Duration::from_millis(15)).await;
+        assert_eq!(seen.outputs(DRIVE)[2..], 1000_i32.to_le_bytes());
+        luna::after(Duration::from_secs(10)).await;
+        Ok(())
+    });
+    let fault = common::fault(system.run());
+    let place = Place {
+        position: DRIVE,
+        is_output: true,
+        bit: 16,
+        bits: 32,
+    };
+    assert_eq!(fault, Fault::Overdue { place, cycles: 21 });
+    assert_eq!(network.written(DRIVE), [0; 6]);
+}
+
+#[test]
+fn a_subdevice_that_refuses_op_ends_the_start() {
+    let network = common::machine();
+    let mut system = common::system();
+    let mut link = common::open(&system, &network).unwrap();
+    link.start_within(Duration::from_millis(500));
+    let (lamp, lamps) = register::<bool>();
+    link.output_bit(TERMINAL, 0, true, lamps);
+    let process = link.process().unwrap();
+    // An error that nobody acknowledges keeps it there.
+    network.fall(DRIVE, 0x0016);
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    let seen = network.clone();
+    main.process("lamp").spawn_ok(async move {
+        loop {
+            lamp.send(false).await?;
+            luna::after(Duration::from_millis(1)).await;
+            // The terminal may be in OP; set-points count when all are.
+            assert_eq!(seen.written(TERMINAL), [1, 0]);
+        }
+    });
+    let fault = common::fault(system.run());
+    let expected = Fault::NotOperational {
+        position: DRIVE,
+        state: State::SafeOp,
+        code: Some(0x0016),
+        within: Duration::from_millis(500),
+    };
+    assert_eq!(fault, expected);
+    assert_eq!(network.written(TERMINAL), [1, 0]);
+}
+
+#[test]
+fn a_program_that_is_gone_is_noticed_by_the_watchdog() {
+    let network = common::machine();
+    let mut system = common::system();
+    let mut link = common::open(&system, &network).unwrap();
+    let (lamp, lamps) = register::<bool>();
+    link.greatest_age(None)
+        .output_bit(TERMINAL, 0, false, lamps);
+    let process = link.process().unwrap();
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    let seen = network.clone();
+    main.process("lamp").spawn_ok(async move {
+        lamp.send(true).await?;
+        luna::after(Duration::from_millis(50)).await;
+        assert_eq!(seen.outputs(TERMINAL), [1, 0]);
+        // As if no frame came any more, those at its end included.
+        seen.lose(u32::MAX);
+        // A look lets the subdevices' time pass.
+        luna::after(Duration::from_millis(9)).await;
+        assert_eq!(seen.state(TERMINAL), State::Op);
+        luna::after(Duration::from_millis(101)).await;
+        assert_eq!(
+            (seen.state(TERMINAL), seen.code(TERMINAL)),
+            (State::SafeOp, 0x001b)
+        );
+        assert_eq!(seen.outputs(TERMINAL), [0, 0]);
+        Ok(())
+    });
+    assert!(matches!(
+        common::fault(system.run()),
+        Fault::TooManyErrors { .. }
+    ));
+}
