@@ -28,6 +28,8 @@
     reason = "what is made here belongs to one thread or system: made on purpose, not by default"
 )]
 
+extern crate alloc;
+
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]

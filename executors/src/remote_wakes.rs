@@ -29,7 +29,7 @@ pub(crate) struct Near([AtomicU32; NEAR]);
 
 impl Near {
     pub(crate) fn new() -> Self {
-        Self(std::array::from_fn(|_| AtomicU32::new(0)))
+        Self(core::array::from_fn(|_| AtomicU32::new(0)))
     }
 }
 
@@ -50,8 +50,8 @@ impl Block {
     fn new() -> Self {
         let zero = |_| AtomicU64::new(0);
         Self {
-            summary: std::array::from_fn(zero),
-            words: std::array::from_fn(|_| std::array::from_fn(zero)),
+            summary: core::array::from_fn(zero),
+            words: core::array::from_fn(|_| core::array::from_fn(zero)),
         }
     }
 }
@@ -205,7 +205,7 @@ impl<T: Copy> RemoteWakes<T> {
 
 /// The places of the bits that are set, lowest first.
 fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
+    core::iter::from_fn(move || {
         let place = bits.trailing_zeros() as usize;
         (bits != 0).then(|| {
             bits &= bits - 1;

@@ -21,18 +21,18 @@ use crate::process::{ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec};
 use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::task::Unbuilt;
+use alloc::sync::Arc;
+use core::cell::Cell;
+use core::convert::Infallible;
+use core::fmt;
+use core::future::Future;
+use core::sync::atomic::Ordering;
+use core::time::Duration;
 use luna_core::{current, deferred_free};
 use luna_platform::clock::Instant;
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
-use std::cell::Cell;
-use std::convert::Infallible;
-use std::fmt;
-use std::future::Future;
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::time::Duration;
 
-thread_local! {
+luna_platform::local! {
     /// See [`has_given_up`].
     static GIVES_UP: Cell<bool> = const { Cell::new(false) };
 }
@@ -223,7 +223,7 @@ impl Executor {
     }
 
     fn join(&mut self) {
-        match std::mem::replace(&mut self.runs, Runs::Nowhere) {
+        match core::mem::replace(&mut self.runs, Runs::Nowhere) {
             Runs::OnThread(thread) => {
                 self.request_stop();
                 // The run loop catches panics of processes; one of its own was reported by the

@@ -20,13 +20,13 @@ pub(crate) use record::{Notice, RawExit, Record, RecordRef};
 pub(crate) use registry::Enrolled;
 pub use registry::{ProcessRegistry, Quiescent};
 
+use alloc::sync::Arc;
+use core::any::Any;
+use core::fmt;
+use core::time::Duration;
 use luna_core::current::{self, ProcessId};
 use luna_core::replay_log::LogInstaller;
 use luna_platform::memory::copy_words;
-use std::any::Any;
-use std::fmt;
-use std::sync::Arc;
-use std::time::Duration;
 
 /// What a process is to be: its name, its level, and its poll monitor.
 #[derive(Debug)]
@@ -207,8 +207,8 @@ impl fmt::Display for Exit {
 pub struct ProcessHandle(pub(crate) RecordRef);
 
 // What it shows is atomic, or behind a lock under which no user code runs.
-impl std::panic::UnwindSafe for ProcessHandle {}
-impl std::panic::RefUnwindSafe for ProcessHandle {}
+impl core::panic::UnwindSafe for ProcessHandle {}
+impl core::panic::RefUnwindSafe for ProcessHandle {}
 
 impl ProcessHandle {
     /// The process' name.

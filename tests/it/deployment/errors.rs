@@ -209,5 +209,8 @@ fn the_machine_must_have_the_core() {
     let mut system = System::new("machine");
     system.deployment_from(&file.0).unwrap();
     assert!(system.executor("main").core(4000).build().is_ok());
-    assert_eq!(system.executor("other").core(4000).build().is_err(), crate::common::COMPLETE);
+    assert_eq!(
+        system.executor("other").core(4000).build().is_err(),
+        crate::common::COMPLETE
+    );
 }
