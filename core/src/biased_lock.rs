@@ -117,12 +117,7 @@ pub struct BiasedLock<T> {
 
 // The guarded value begins on the cache line of the lock's words. Channels rely on the space that
 // is left there.
-#[cfg(all(
-    feature = "std",
-    target_os = "linux",
-    not(luna_portable),
-    not(loom)
-))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
 const _: () = assert!(core::mem::offset_of!(BiasedLock<u64>, value) == 32);
 
 // SAFETY: the lock gives access to one thread at a time, so it may be shared if the value may move

@@ -4,6 +4,7 @@
 use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
 use crate::simulation::Stage;
+use alloc::boxed::Box;
 use alloc::sync::Arc;
 use core::cell::RefCell;
 use core::fmt;

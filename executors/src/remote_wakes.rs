@@ -14,6 +14,7 @@
 //! owner looked last, at one level, the one with the lower slot comes first. All of them come
 //! before any that is woken later, so no process starves.
 
+use alloc::vec::Vec;
 use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};

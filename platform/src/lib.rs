@@ -115,6 +115,8 @@ pub mod bare;
 #[cfg(not(feature = "std"))]
 use bare as backend;
 
+#[cfg(not(feature = "std"))]
+pub use backend::alarm;
 pub use backend::boost;
 pub use backend::fence;
 pub use backend::inside;

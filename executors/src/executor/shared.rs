@@ -6,8 +6,10 @@ use crate::process::{ProcessRegistry, panic_message};
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::Stage;
 use crate::task;
+use alloc::boxed::Box;
+use alloc::format;
+use alloc::sync::Arc;
 use core::any::Any;
-use core::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use core::time::Duration;
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::ExecutorId;
@@ -15,7 +17,8 @@ use luna_core::spin::Outside;
 use luna_core::timer_queue::DeadlineListener;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
-use std::sync::{Arc, OnceLock};
+use luna_platform::sync::OnceLock;
+use luna_platform::sync::plain::{AtomicU8, AtomicU64, Ordering};
 
 luna_platform::local! {
     /// What the tasks of this thread that have ended had of the executor that it is.
@@ -40,6 +43,9 @@ pub(crate) enum Serves {
     Many,
     /// It may make blocking calls, and the thread ends with it.
     One,
+    /// Without an operating system: the executor ends with the last.
+    #[cfg(not(feature = "std"))]
+    Cpu,
 }
 
 /// Another reference for a task of an executor.

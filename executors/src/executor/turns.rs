@@ -21,6 +21,7 @@ use luna_core::spin;
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
 use luna_platform::panics::{catch_silently, resume};
+#[cfg(feature = "std")]
 use luna_platform::usage;
 
 /// The thread of an executor.
@@ -65,6 +66,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         }
         shared.inbound.sleep(Instant::NEVER);
     }
+    #[cfg(feature = "std")]
     let before = usage::processor_time();
     // A thread that may block keeps nothing: it could sleep in the middle of a turn.
     let frees_later = shared.serves != Serves::One;
@@ -82,6 +84,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     }
     current::set_on_path(false);
     drop(keeps);
+    #[cfg(feature = "std")]
     if let Some((before, after)) = before.zip(usage::processor_time()) {
         // It runs once.
         let _ = shared.processor_time.set(after.saturating_sub(before));
@@ -181,7 +184,7 @@ pub(super) fn look_outside(
 pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
     // SAFETY: this is between two polls.
     unsafe { task::end_turns() };
-    if shared.serves == Serves::One && task::count() == 0 {
+    if shared.serves != Serves::Many && task::count() == 0 {
         return shared.advance(Phase::STOPPING);
     }
     // Flush batched exits and deferred frees before sleeping.

@@ -2,6 +2,7 @@
 
 use super::exit_value::{ErasedExitValue, ExitValue};
 use super::record::{RawExit, Record};
+use alloc::boxed::Box;
 use core::any::Any;
 use core::future::Future;
 use core::hint::unreachable_unchecked;

@@ -2,6 +2,7 @@
 
 use super::Exit;
 use super::record::Record;
+use alloc::vec::Vec;
 use core::cell::{Cell, UnsafeCell};
 use core::fmt;
 use core::future::Future;

@@ -2,6 +2,8 @@
 //! one.
 
 use alloc::borrow::Borrow;
+use alloc::boxed::Box;
+use alloc::string::String;
 use alloc::sync::Arc;
 use core::fmt;
 use core::hash::{Hash, Hasher};

@@ -4,6 +4,8 @@ use super::body::Whole;
 use super::{REMOTE_WAKES, TASKS, Task, another_reference, end_turns, memory};
 use crate::process::{Abandoned, Notice, RecordRef};
 use crate::{executor, interference};
+use alloc::borrow::ToOwned;
+use alloc::boxed::Box;
 use alloc::sync::Arc;
 use core::any::Any;
 use core::future::Future;

@@ -149,6 +149,14 @@ impl<T> Local<RefCell<T>> {
     pub fn set(&'static self, value: T) {
         self.with(|own| *own.borrow_mut() = value);
     }
+
+    /// Takes this context's own, and leaves the default.
+    pub fn take(&'static self) -> T
+    where
+        T: Default,
+    {
+        self.with(RefCell::take)
+    }
 }
 
 impl<T> fmt::Debug for Local<T> {

@@ -27,6 +27,8 @@ mod context;
 mod critical;
 mod port;
 
+#[path = "../portable/alarm.rs"]
+pub mod alarm;
 #[path = "../portable/boost.rs"]
 pub mod boost;
 pub(crate) mod clock;

@@ -4,6 +4,8 @@ use super::{Beside, Record};
 use crate::process::exit_value::{ErasedExitValue, ExitValue};
 use crate::process::join::JoinNode;
 use crate::process::{Exit, panic_message};
+use alloc::boxed::Box;
+use alloc::string::String;
 use core::any::Any;
 use core::sync::atomic::Ordering;
 use luna_core::events;

@@ -2,6 +2,7 @@
 
 use super::{How, Record};
 use crate::process::registry::ProcessRegistry;
+use alloc::boxed::Box;
 use core::mem::ManuallyDrop;
 use core::ops::Deref;
 use core::ptr::NonNull;

@@ -1,6 +1,7 @@
 //! What a record has for the threads that wait for its process, and for those that look at it.
 
 use crate::process::exit_value::ErasedExitValue;
+use alloc::boxed::Box;
 use core::any::Any;
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, Ordering};
