@@ -24,6 +24,10 @@
 //! ```
 
 #![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(
+    not(feature = "std"),
+    allow(dead_code, reason = "files and simulations use a part")
+)]
 #![allow(
     clippy::new_without_default,
     reason = "what is made here belongs to one thread or system: made on purpose, not by default"

@@ -19,8 +19,8 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 /// Runs `handler`, the part of an interrupt handler that uses LUNA, as a context of its own. O(1)
 /// apart from `handler`, no critical section.
 ///
-/// In it these may be called: `try_send`, `try_recv` and `send_now` of channels, `EventCount`
-/// announcements, wakers, and all that reads. What waits panics there, and what allocates or frees
+/// In it these may be called: `try_send` and `try_recv` of channels, a `Waker`,
+/// [`EventCount::announce`](crate::event_count::EventCount::announce), and all that reads. What waits panics there, and what allocates or frees
 /// relies on an allocator that may be called from interrupts.
 ///
 /// # Panics

@@ -1,0 +1,319 @@
+//! A simulated CPU: one thread at a time, interrupts at random places, and a virtual clock.
+//!
+//! The thread that calls LUNA first is the CPU, until it ends; others wait for that. So each test
+//! has it for itself, however many threads the test harness has.
+//!
+//! Interrupts come where the kernel meets the CPU: before a critical section and after it, at each
+//! use of a context's own variables, when the clock is read or a wake is made, and while the CPU
+//! idles. They do not come in a critical section, and one comes in the middle of another only if its
+//! priority is higher. A CPU that idles for ever fails the test: a wake was lost.
+
+use luna_platform::bare::{self, Port};
+use luna_platform::clock::Instant;
+use luna_platform::on_drop::OnDrop;
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+/// What an interrupt does, within a context of its own. `false`: it comes no more.
+type Handler = Rc<dyn Fn() -> bool>;
+
+#[derive(Clone)]
+struct Interrupt {
+    priority: u8,
+    handler: Handler,
+}
+
+/// The state of the CPU, which is a thread's.
+struct Cpu {
+    is_masked: Cell<bool>,
+    /// The priority of the running interrupt; 0 is the program.
+    running: Cell<u8>,
+    now: Cell<u64>,
+    /// The CPU's event register: set by wakes and interrupts, cleared by the return of an idle.
+    event: Cell<bool>,
+    random: Cell<u64>,
+    /// One place in so many has an interrupt; 0: none has.
+    rarity: Cell<u64>,
+    interrupts: RefCell<Vec<Interrupt>>,
+    served: Cell<u64>,
+    nested: Cell<u64>,
+    idled: Cell<u64>,
+}
+
+thread_local! {
+    static CPU: Cpu = const {
+        Cpu {
+            is_masked: Cell::new(false),
+            running: Cell::new(0),
+            now: Cell::new(1_000_000_000),
+            event: Cell::new(false),
+            random: Cell::new(1),
+            rarity: Cell::new(0),
+            interrupts: RefCell::new(Vec::new()),
+            served: Cell::new(0),
+            nested: Cell::new(0),
+            idled: Cell::new(0),
+        }
+    };
+    static TURN: Turn = Turn::take();
+    static HAS_BEGUN: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether a thread is the CPU.
+static IS_TAKEN: Mutex<bool> = Mutex::new(false);
+static IS_FREE: Condvar = Condvar::new();
+
+fn is_taken() -> MutexGuard<'static, bool> {
+    IS_TAKEN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// This thread is the CPU, until it ends.
+struct Turn;
+
+impl Turn {
+    fn take() -> Self {
+        let mut taken = is_taken();
+        while *taken {
+            taken = IS_FREE.wait(taken).unwrap_or_else(PoisonError::into_inner);
+        }
+        *taken = true;
+        Turn
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        // What the handlers hold is dropped by the CPU.
+        let handlers = CPU.try_with(|cpu| cpu.interrupts.take());
+        drop(handlers);
+        *is_taken() = false;
+        IS_FREE.notify_one();
+    }
+}
+
+/// Makes this thread the CPU. At first it has interrupts that send and receive on a channel of their
+/// own, which disturb what runs and are not disturbed: see [`noise`].
+fn take() {
+    static IS_INSTALLED: AtomicBool = AtomicBool::new(false);
+    // A thread that is ending has no variables any more.
+    if TURN.try_with(|_| ()).is_err() {
+        return;
+    }
+    // First, since each of the two takes the CPU too.
+    if !IS_INSTALLED.swap(true, Ordering::Relaxed) {
+        // SAFETY: one thread at a time is the CPU, each place where the kernel meets the CPU waits
+        // for that, and handlers run within `interrupt`.
+        unsafe { bare::install(&Simulated) };
+    }
+    if !HAS_BEGUN.replace(true) {
+        noise::begin();
+    }
+}
+
+/// Begins anew on this thread: without interrupts, at one second. From now on the interrupts that
+/// are added come at one place in `rarity`, chosen by `seed`.
+pub fn begin(seed: u64, rarity: u64) {
+    HAS_BEGUN.set(true);
+    take();
+    let before = CPU.with(|cpu| cpu.interrupts.take());
+    drop(before);
+    CPU.with(|cpu| {
+        cpu.now.set(1_000_000_000);
+        cpu.event.set(false);
+        cpu.random.set(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
+        cpu.rarity.set(rarity);
+        for count in [&cpu.served, &cpu.nested, &cpu.idled] {
+            count.set(0);
+        }
+    });
+}
+
+/// Adds an interrupt of this priority, from 1 on. It comes at random places, and while the CPU
+/// idles, as long as `handler` returns `true`.
+pub fn add_interrupt(priority: u8, handler: impl Fn() -> bool + 'static) {
+    assert!(priority > 0, "0 is the program's");
+    take();
+    let handler = Rc::new(handler);
+    CPU.with(|cpu| {
+        let interrupt = Interrupt { priority, handler };
+        cpu.interrupts.borrow_mut().push(interrupt);
+    });
+}
+
+/// Calls `handler` as an interrupt handler that does not call `interrupt`.
+pub fn within_bare_handler(handler: impl FnOnce()) {
+    CPU.with(|cpu| cpu.running.set(1));
+    let _restore = OnDrop::new(|| CPU.with(|cpu| cpu.running.set(0)));
+    handler();
+}
+
+/// How many interrupts there were, how many of them in the middle of another, and how often the CPU
+/// idled.
+pub fn counts() -> (u64, u64, u64) {
+    CPU.with(|cpu| (cpu.served.get(), cpu.nested.get(), cpu.idled.get()))
+}
+
+/// The time on the CPU's clock, in nanoseconds.
+pub fn now() -> u64 {
+    CPU.with(|cpu| cpu.now.get())
+}
+
+/// Moves the CPU's clock on.
+pub fn advance(nanos: u64) {
+    CPU.with(|cpu| cpu.now.set(cpu.now.get() + nanos));
+}
+
+impl Cpu {
+    /// A number below `bound`, by xorshift.
+    fn random(&self, bound: u64) -> u64 {
+        let mut state = self.random.get();
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        self.random.set(state);
+        (state >> 11) % bound
+    }
+
+    /// A place where an interrupt may come.
+    fn place(&self) {
+        let rarity = self.rarity.get();
+        if rarity > 0 && !self.is_masked.get() && self.random(rarity) == 0 {
+            self.serve_one();
+        }
+    }
+
+    /// Serves one interrupt that may come now. `false` if there is none.
+    fn serve_one(&self) -> bool {
+        let running = self.running.get();
+        let able: Vec<Interrupt> = {
+            let interrupts = self.interrupts.borrow();
+            let able = interrupts.iter().filter(|one| one.priority > running);
+            able.cloned().collect()
+        };
+        if able.is_empty() {
+            return false;
+        }
+        let chosen = &able[self.random(able.len() as u64) as usize];
+        self.running.set(chosen.priority);
+        self.served.set(self.served.get() + 1);
+        self.nested.set(self.nested.get() + u64::from(running > 0));
+        let comes_again = bare::interrupt(|| (chosen.handler)());
+        self.running.set(running);
+        self.event.set(true);
+        if !comes_again {
+            let is_chosen = |one: &Interrupt| Rc::ptr_eq(&one.handler, &chosen.handler);
+            let mut interrupts = self.interrupts.borrow_mut();
+            // Dropped below, where the list is free: other interrupts may come then.
+            let over = interrupts.iter().position(is_chosen);
+            let over = over.map(|place| interrupts.remove(place));
+            drop(interrupts);
+            drop(over);
+        }
+        true
+    }
+}
+
+/// Calls `f` with the state of the CPU, after having waited to be it. `None` while the thread ends.
+fn with_cpu<R>(f: impl FnOnce(&Cpu) -> R) -> Option<R> {
+    take();
+    CPU.try_with(f).ok()
+}
+
+/// The port of the simulated CPU.
+struct Simulated;
+
+impl Port for Simulated {
+    fn now(&self) -> u64 {
+        with_cpu(|cpu| {
+            cpu.place();
+            // Each look takes a little.
+            cpu.now.set(cpu.now.get() + 5);
+            cpu.now.get()
+        })
+        .unwrap_or(u64::MAX - 1)
+    }
+
+    fn idle(&self, deadline: Instant) {
+        with_cpu(|cpu| {
+            assert!(!cpu.is_masked.get(), "idles in a critical section");
+            assert_eq!(cpu.running.get(), 0, "idles in an interrupt");
+            cpu.idled.set(cpu.idled.get() + 1);
+            cpu.place();
+            if cpu.event.take() {
+                return;
+            }
+            let has_deadline = deadline != Instant::NEVER;
+            // What comes first, the deadline or an interrupt, is chance too.
+            let served = (!has_deadline || cpu.random(2) == 0) && cpu.serve_one();
+            if !served {
+                assert!(has_deadline, "the CPU idles for ever");
+                cpu.now.set(cpu.now.get().max(deadline.as_nanos()));
+            }
+            cpu.event.set(false);
+        });
+    }
+
+    fn wake(&self) {
+        with_cpu(|cpu| {
+            cpu.place();
+            cpu.event.set(true);
+        });
+    }
+
+    fn is_interrupt(&self) -> bool {
+        with_cpu(|cpu| {
+            cpu.place();
+            cpu.running.get() > 0
+        })
+        .unwrap_or(false)
+    }
+}
+
+struct Section;
+critical_section::set_impl!(Section);
+
+// SAFETY: the thread that is the CPU masks its interrupts, and no other thread is the CPU.
+unsafe impl critical_section::Impl for Section {
+    unsafe fn acquire() -> critical_section::RawRestoreState {
+        with_cpu(|cpu| {
+            cpu.place();
+            cpu.is_masked.replace(true)
+        })
+        .unwrap_or(false)
+    }
+
+    unsafe fn release(was_masked: critical_section::RawRestoreState) {
+        with_cpu(|cpu| {
+            cpu.is_masked.set(was_masked);
+            cpu.place();
+        });
+    }
+}
+
+/// Interrupts for tests that know nothing of them.
+mod noise {
+    use super::{CPU, add_interrupt};
+    use luna_channels::{Buffer, buffered};
+    use std::cell::Cell;
+
+    /// Two interrupts, of which one may come in the middle of the other, at one place in 20.
+    pub(super) fn begin() {
+        let (sender, receiver) = buffered(Buffer::fifo(3));
+        let (sent, received) = (Cell::new(0_u64), Cell::new(0_u64));
+        add_interrupt(1, move || {
+            if sender.try_send(sent.get()).is_ok() {
+                sent.set(sent.get() + 1);
+            }
+            true
+        });
+        add_interrupt(2, move || {
+            if let Ok(value) = receiver.try_recv() {
+                assert_eq!(value, received.replace(value + 1), "lost or doubled");
+            }
+            true
+        });
+        CPU.with(|cpu| cpu.rarity.set(20));
+    }
+}
