@@ -12,9 +12,9 @@ pub trait Port: Sync {
     /// Nanoseconds since an origin, which never go back. From 0 to `u64::MAX - 1`: 584 years.
     fn now(&self) -> u64;
 
-    /// Waits for an interrupt, for a [`wake`](Self::wake), or until `deadline`, a number of
-    /// [`now`](Self::now); [`Instant::NEVER`] is none. Called by the program alone, outside of
-    /// critical sections. It may return without a cause.
+    /// Waits for a [`wake`](Self::wake), or until [`now`](Self::now) reaches `deadline`;
+    /// [`Instant::NEVER`] is none. Called by the program alone, outside of critical sections. It may
+    /// return without a cause, as after any interrupt.
     ///
     /// A wake that came since the last return ends it at once: the caller has looked for work
     /// before, and an interrupt may have come since. `wfe` of ARM does just that.
