@@ -13,7 +13,8 @@ use luna_platform::clock::Instant;
 use luna_platform::on_drop::OnDrop;
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering, compiler_fence};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// An idle that is not ended by so many interrupts waits for a wake that was lost.
@@ -29,19 +30,24 @@ struct Interrupt {
 }
 
 /// The state of the CPU, which is a thread's.
+///
+/// What [`preempt`] uses, which comes in the middle of anything, is atomic.
 struct Cpu {
-    is_masked: Cell<bool>,
+    is_masked: AtomicBool,
     /// The priority of the running interrupt; 0 is the program.
-    running: Cell<u8>,
+    running: AtomicU8,
+    /// A preempting interrupt that came in a critical section.
+    is_pending: AtomicBool,
+    preempting: Cell<Option<&'static dyn Fn()>>,
     now: Cell<u64>,
     /// Set by a wake, cleared by the return of an idle. An interrupt alone does not set it: on some
     /// chips it would.
-    event: Cell<bool>,
+    event: AtomicBool,
     random: Cell<u64>,
     /// One place in so many has an interrupt; 0: none has.
     rarity: Cell<u64>,
     interrupts: RefCell<Vec<Interrupt>>,
-    served: Cell<u64>,
+    served: AtomicU64,
     nested: Cell<u64>,
     idled: Cell<u64>,
 }
@@ -49,14 +55,16 @@ struct Cpu {
 thread_local! {
     static CPU: Cpu = const {
         Cpu {
-            is_masked: Cell::new(false),
-            running: Cell::new(0),
+            is_masked: AtomicBool::new(false),
+            running: AtomicU8::new(0),
+            is_pending: AtomicBool::new(false),
+            preempting: Cell::new(None),
             now: Cell::new(1_000_000_000),
-            event: Cell::new(false),
+            event: AtomicBool::new(false),
             random: Cell::new(1),
             rarity: Cell::new(0),
             interrupts: RefCell::new(Vec::new()),
-            served: Cell::new(0),
+            served: AtomicU64::new(0),
             nested: Cell::new(0),
             idled: Cell::new(0),
         }
@@ -106,7 +114,7 @@ fn take() {
         return;
     }
     // First, since each of the two takes the CPU too.
-    if !IS_INSTALLED.swap(true, Ordering::Relaxed) {
+    if !IS_INSTALLED.swap(true, Relaxed) {
         // SAFETY: one thread at a time is the CPU, each place where the kernel meets the CPU waits
         // for that, and handlers run within `interrupt`.
         unsafe { bare::install(&Simulated) };
@@ -124,13 +132,14 @@ pub fn begin(seed: u64, rarity: u64) {
     let before = CPU.with(|cpu| cpu.interrupts.take());
     drop(before);
     CPU.with(|cpu| {
+        cpu.preempting.set(None);
         cpu.now.set(1_000_000_000);
-        cpu.event.set(false);
+        cpu.event.store(false, Relaxed);
         cpu.random.set(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
         cpu.rarity.set(rarity);
-        for count in [&cpu.served, &cpu.nested, &cpu.idled] {
-            count.set(0);
-        }
+        cpu.served.store(0, Relaxed);
+        cpu.nested.set(0);
+        cpu.idled.set(0);
     });
 }
 
@@ -148,15 +157,15 @@ pub fn add_interrupt(priority: u8, handler: impl Fn() -> bool + 'static) {
 
 /// Calls `handler` as an interrupt handler that does not call `interrupt`.
 pub fn within_bare_handler(handler: impl FnOnce()) {
-    CPU.with(|cpu| cpu.running.set(1));
-    let _restore = OnDrop::new(|| CPU.with(|cpu| cpu.running.set(0)));
+    CPU.with(|cpu| cpu.running.store(1, Relaxed));
+    let _restore = OnDrop::new(|| CPU.with(|cpu| cpu.running.store(0, Relaxed)));
     handler();
 }
 
 /// How many interrupts there were, how many of them in the middle of another, and how often the CPU
 /// idled.
 pub fn counts() -> (u64, u64, u64) {
-    CPU.with(|cpu| (cpu.served.get(), cpu.nested.get(), cpu.idled.get()))
+    CPU.with(|cpu| (cpu.served.load(Relaxed), cpu.nested.get(), cpu.idled.get()))
 }
 
 /// The time on the CPU's clock, in nanoseconds.
@@ -183,14 +192,33 @@ impl Cpu {
     /// A place where an interrupt may come.
     fn place(&self) {
         let rarity = self.rarity.get();
-        if rarity > 0 && !self.is_masked.get() && self.random(rarity) == 0 {
+        if rarity > 0 && !self.is_masked.load(Relaxed) && self.random(rarity) == 0 {
             self.serve_one();
+        }
+    }
+
+    fn serve_preempting(&self) {
+        if let Some(handler) = self.preempting.get() {
+            self.running.store(1, Relaxed);
+            self.served.fetch_add(1, Relaxed);
+            bare::interrupt(handler);
+            self.running.store(0, Relaxed);
+        }
+    }
+
+    /// Waits for preempting interrupts until one wakes.
+    fn idle_preempted(&self) {
+        let before = self.served.load(Relaxed);
+        while !self.event.swap(false, Relaxed) {
+            let served = self.served.load(Relaxed) - before;
+            assert!(served < IDLES_LONG.into(), "the CPU idles for ever");
+            std::hint::spin_loop();
         }
     }
 
     /// Serves one interrupt that may come now. `false` if there is none.
     fn serve_one(&self) -> bool {
-        let running = self.running.get();
+        let running = self.running.load(Relaxed);
         let able: Vec<Interrupt> = {
             let interrupts = self.interrupts.borrow();
             let able = interrupts.iter().filter(|one| one.priority > running);
@@ -200,11 +228,11 @@ impl Cpu {
             return false;
         }
         let chosen = &able[self.random(able.len() as u64) as usize];
-        self.running.set(chosen.priority);
-        self.served.set(self.served.get() + 1);
+        self.running.store(chosen.priority, Relaxed);
+        self.served.fetch_add(1, Relaxed);
         self.nested.set(self.nested.get() + u64::from(running > 0));
         let comes_again = bare::interrupt(|| (chosen.handler)());
-        self.running.set(running);
+        self.running.store(running, Relaxed);
         if !comes_again {
             let is_chosen = |one: &Interrupt| Rc::ptr_eq(&one.handler, &chosen.handler);
             let mut interrupts = self.interrupts.borrow_mut();
@@ -216,6 +244,24 @@ impl Cpu {
         }
         true
     }
+}
+
+/// From now on [`preempt`] is an interrupt that calls `handler`, and no other one comes.
+pub fn set_preempting(handler: &'static dyn Fn()) {
+    begin(1, 0);
+    CPU.with(|cpu| cpu.preempting.set(Some(handler)));
+}
+
+/// An interrupt, in the middle of anything: to be called by a signal handler on the thread that is
+/// the CPU. One that comes in a critical section, or in another, is held back.
+pub fn preempt() {
+    let _ = CPU.try_with(|cpu| {
+        if cpu.is_masked.load(Relaxed) || cpu.running.load(Relaxed) > 0 {
+            cpu.is_pending.store(true, Relaxed);
+        } else {
+            cpu.serve_preempting();
+        }
+    });
 }
 
 /// Calls `f` with the state of the CPU, after having waited to be it. `None` while the thread ends.
@@ -240,13 +286,16 @@ impl Port for Simulated {
 
     fn idle(&self, deadline: Instant) {
         with_cpu(|cpu| {
-            assert!(!cpu.is_masked.get(), "idles in a critical section");
-            assert_eq!(cpu.running.get(), 0, "idles in an interrupt");
+            assert!(!cpu.is_masked.load(Relaxed), "idles in a critical section");
+            assert_eq!(cpu.running.load(Relaxed), 0, "idles in an interrupt");
             cpu.idled.set(cpu.idled.get() + 1);
+            if cpu.preempting.get().is_some() {
+                return cpu.idle_preempted();
+            }
             let has_deadline = deadline != Instant::NEVER;
             for _ in 0..IDLES_LONG {
                 cpu.place();
-                if cpu.event.take() {
+                if cpu.event.swap(false, Relaxed) {
                     return;
                 }
                 // What comes first, the deadline or an interrupt, is chance too.
@@ -264,14 +313,14 @@ impl Port for Simulated {
     fn wake(&self) {
         with_cpu(|cpu| {
             cpu.place();
-            cpu.event.set(true);
+            cpu.event.store(true, Relaxed);
         });
     }
 
     fn is_interrupt(&self) -> bool {
         with_cpu(|cpu| {
             cpu.place();
-            cpu.running.get() > 0
+            cpu.running.load(Relaxed) > 0
         })
         .unwrap_or(false)
     }
@@ -285,14 +334,21 @@ unsafe impl critical_section::Impl for Section {
     unsafe fn acquire() -> critical_section::RawRestoreState {
         with_cpu(|cpu| {
             cpu.place();
-            cpu.is_masked.replace(true)
+            let was_masked = cpu.is_masked.swap(true, Relaxed);
+            compiler_fence(Ordering::SeqCst);
+            was_masked
         })
         .unwrap_or(false)
     }
 
     unsafe fn release(was_masked: critical_section::RawRestoreState) {
         with_cpu(|cpu| {
-            cpu.is_masked.set(was_masked);
+            compiler_fence(Ordering::SeqCst);
+            cpu.is_masked.store(was_masked, Relaxed);
+            let is_program = cpu.running.load(Relaxed) == 0;
+            if !was_masked && is_program && cpu.is_pending.swap(false, Relaxed) {
+                cpu.serve_preempting();
+            }
             cpu.place();
         });
     }

@@ -59,7 +59,7 @@ fn too_many_interrupts_are_an_error() {
 #[test]
 fn a_handler_that_does_not_say_that_it_is_one_is_found() {
     cpu::begin(1, 0);
-    let text = panic_of(|| cpu::within_bare_handler(|| drop(OWN.get())));
+    let text = panic_of(|| cpu::within_bare_handler(|| OWN.set(1)));
     assert!(
         text.contains("within `luna_platform::bare::interrupt`"),
         "{text}"
@@ -106,7 +106,7 @@ fn a_lock_that_is_held_is_not_held_twice() {
 fn an_interrupt_cannot_wait() {
     cpu::begin(1, 0);
     let futex = Futex::new(0);
-    let wait = || bare::interrupt(|| drop(futex.wait(0, Instant::NEVER)));
+    let wait = || bare::interrupt(|| assert_eq!(futex.wait(0, Instant::NEVER), Waited::Woken));
     assert_eq!(panic_of(wait), "an interrupt cannot wait");
     let run = || bare::interrupt(|| drop(Executor::new()));
     assert_eq!(

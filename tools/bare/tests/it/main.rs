@@ -14,4 +14,6 @@ mod stream;
 
 mod contexts;
 mod interrupts;
+#[cfg(target_os = "linux")]
+mod preemption;
 mod processes;
