@@ -77,8 +77,11 @@ mod file_watch {
     use crate::executor::Shared;
     use alloc::sync::Arc;
     use luna_platform::bell::Bell;
+    use luna_platform::on_drop::OnDrop;
 
-    pub(crate) fn enter(_: &Bell, _: Option<Arc<Shared>>) {}
+    pub(crate) fn enter(_: &Bell, _: Option<Arc<Shared>>) -> OnDrop<fn()> {
+        OnDrop::new(|| ())
+    }
 
     pub(crate) fn glance(_: &Bell) {}
 

@@ -34,12 +34,17 @@ impl Near {
     }
 }
 
-/// Number of words that a block has for each level; few in a model of all interleavings.
-const WORDS: usize = if cfg!(loom) { 1 } else { 64 };
+/// Number of words that a block has for each level; few in a model of all interleavings, and where
+/// there is little memory.
+const WORDS: usize = if cfg!(any(loom, not(feature = "std"))) {
+    1
+} else {
+    64
+};
 const BITS: usize = u64::BITS as usize;
 const BLOCK_SLOTS: usize = WORDS * BITS;
 
-/// The bits of 4096 wake slots: four bytes for each.
+/// The bits of 4096 wake slots: four bytes for each. Without an operating system, of 64 slots.
 #[derive(Debug)]
 struct Block {
     /// For each level, which of its words may have a bit set.
