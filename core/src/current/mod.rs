@@ -398,8 +398,13 @@ pub fn is_abandoned() -> bool {
 
 /// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules
 /// them.
+/// An interrupt always is, so that it defers what it frees.
 #[inline]
 pub fn on_path() -> bool {
+    #[cfg(not(feature = "std"))]
+    if luna_platform::bare::is_interrupt() {
+        return true;
+    }
     // An allocator calls this too, also while the thread's locals are being torn down.
     THREAD
         .try_with(|thread| thread.on_path.get())

@@ -19,6 +19,8 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 /// Runs `handler`, the part of an interrupt handler that uses LUNA, as a context of its own. O(1)
 /// apart from `handler`, no critical section.
 ///
+/// `handler` is `Send`, since it runs in another context than its caller.
+///
 /// In it these may be called: `try_send` and `try_recv` of channels, a `Waker`,
 /// [`EventCount::announce`](crate::event_count::EventCount::announce), and all that reads. What waits panics there, and what allocates or frees
 /// relies on an allocator that may be called from interrupts.
@@ -26,7 +28,7 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 /// # Panics
 ///
 /// If more than [`NESTED_INTERRUPTS`] are under way.
-pub fn interrupt<R>(handler: impl FnOnce() -> R) -> R {
+pub fn interrupt<R: Send>(handler: impl FnOnce() -> R + Send) -> R {
     let before = RUNNING.load(Ordering::Relaxed);
     assert!(
         before < NESTED_INTERRUPTS,

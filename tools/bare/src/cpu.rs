@@ -29,6 +29,19 @@ struct Interrupt {
     handler: Handler,
 }
 
+/// A handler on its way into the context of its interrupt.
+struct OnCpu<'a, R>(&'a dyn Fn() -> R);
+
+// SAFETY: handlers run in interrupts alone, which are never two at once: a handler comes in the middle
+// of another one only, and of none twice. So it has what it captures for itself.
+unsafe impl<R> Send for OnCpu<'_, R> {}
+
+impl<R> OnCpu<'_, R> {
+    fn call(&self) -> R {
+        (self.0)()
+    }
+}
+
 /// The state of the CPU, which is a thread's.
 ///
 /// What [`preempt`] uses, which comes in the middle of anything, is atomic.
@@ -201,7 +214,8 @@ impl Cpu {
         if let Some(handler) = self.preempting.get() {
             self.running.store(1, Relaxed);
             self.served.fetch_add(1, Relaxed);
-            bare::interrupt(handler);
+            let handler = OnCpu(handler);
+            bare::interrupt(move || handler.call());
             self.running.store(0, Relaxed);
         }
     }
@@ -231,7 +245,8 @@ impl Cpu {
         self.running.store(chosen.priority, Relaxed);
         self.served.fetch_add(1, Relaxed);
         self.nested.set(self.nested.get() + u64::from(running > 0));
-        let comes_again = bare::interrupt(|| (chosen.handler)());
+        let handler = OnCpu(&*chosen.handler);
+        let comes_again = bare::interrupt(move || handler.call());
         self.running.store(running, Relaxed);
         if !comes_again {
             let is_chosen = |one: &Interrupt| Rc::ptr_eq(&one.handler, &chosen.handler);

@@ -1,6 +1,7 @@
 //! Contexts, locks and idling.
 
 use luna_bare::cpu;
+use luna_core::deferred_free::{self, Shared};
 use luna_core::park::block_on;
 use luna_executors::Executor;
 use luna_platform::bare::{self, NESTED_INTERRUPTS};
@@ -10,6 +11,7 @@ use luna_platform::lock::PiLock;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
+use std::sync::Arc;
 
 luna_platform::local! {
     static OWN: Cell<u32> = const { Cell::new(7) };
@@ -135,6 +137,17 @@ fn a_wait_ends_by_a_wake_by_its_deadline_or_at_once() {
         }
     }
     panic!("it was woken");
+}
+
+#[test]
+fn what_an_interrupt_drops_is_freed_by_the_program() {
+    cpu::begin(1, 0);
+    let token = Arc::new(());
+    let shared = Shared::new(token.clone());
+    bare::interrupt(|| drop(shared));
+    assert_eq!(Arc::strong_count(&token), 2);
+    deferred_free::collect();
+    assert_eq!(Arc::strong_count(&token), 1);
 }
 
 #[test]
