@@ -33,7 +33,14 @@
 //! waking costs no atomic reference counts, and tokio, smol, or plain threads, where wakers do the
 //! waking.
 
-#![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(
+    not(feature = "std"),
+    no_std,
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
+)]
 
 // loom and shuttle check the same models: shuttle has loom's names.
 #[cfg(all(test, shuttle))]

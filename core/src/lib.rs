@@ -13,7 +13,14 @@
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 //! - `fetch`, `model_local` (private): prefetches, and thread-locals that a model checker sees.
 
-#![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(
+    not(feature = "std"),
+    no_std,
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
+)]
 #![allow(
     clippy::new_without_default,
     reason = "what is made here belongs to one thread or system: made on purpose, not by default"

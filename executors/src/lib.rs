@@ -23,10 +23,14 @@
 //! # Ok(()) }
 //! ```
 
-#![cfg_attr(not(feature = "std"), no_std)]
 #![cfg_attr(
     not(feature = "std"),
-    allow(dead_code, reason = "files and simulations use a part")
+    no_std,
+    allow(dead_code, reason = "files and simulations use a part"),
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
 )]
 #![allow(
     clippy::new_without_default,

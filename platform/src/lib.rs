@@ -38,7 +38,14 @@
 //! A system call is made on the real-time path only where a function's documentation says so;
 //! [`path`] lets a test hold the path to that.
 
-#![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(
+    not(feature = "std"),
+    no_std,
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
+)]
 #![allow(
     clippy::new_without_default,
     reason = "what is made here belongs to one thread or system: made on purpose, not by default"
