@@ -16,14 +16,15 @@ pub use crate::bare::OnceLock;
 pub use std::sync::OnceLock;
 
 /// The atomics that no checker watches.
-#[cfg(target_has_atomic = "64")]
+#[cfg(any(feature = "std", all(target_has_atomic = "64", not(debug_assertions))))]
 pub use core::sync::atomic as plain;
 
-/// The atomics; the 64-bit ones are critical sections on this processor.
-#[cfg(not(target_has_atomic = "64"))]
+/// The atomics; the 64-bit ones are critical sections. So are they in builds with debug assertions on
+/// every processor, for the tests of a simulated one.
+#[cfg(not(any(feature = "std", all(target_has_atomic = "64", not(debug_assertions)))))]
 pub mod plain {
+    pub use crate::bare::{AtomicI64, AtomicU64};
     pub use core::sync::atomic::*;
-    pub use portable_atomic::{AtomicI64, AtomicU64};
 }
 
 /// A cell with accesses that the model checker watches.

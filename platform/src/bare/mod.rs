@@ -23,6 +23,8 @@
 //!
 //! Nothing here allocates. Panics end the program: nothing is caught.
 
+#[cfg(any(not(target_has_atomic = "64"), debug_assertions))]
+mod atomic;
 mod context;
 mod critical;
 mod port;
@@ -40,6 +42,8 @@ pub mod inside;
 pub mod lock;
 mod once;
 
+#[cfg(any(not(target_has_atomic = "64"), debug_assertions))]
+pub use atomic::{AtomicI64, AtomicU64};
 #[doc(hidden)]
 pub use context::CONTEXTS;
 pub use context::{AccessError, Local, NESTED_INTERRUPTS, interrupt, is_interrupt};
