@@ -47,11 +47,11 @@ pub struct SysTickPort {
 }
 
 impl SysTickPort {
-    /// For a processor with this clock, from 1 to 16 000 MHz.
+    /// For a processor with this clock, from 1 to 4000 MHz.
     pub const fn new(megahertz: u32) -> Self {
         assert!(
-            megahertz > 0 && megahertz <= 16_000,
-            "SysTick counts 24 bits"
+            megahertz > 0 && megahertz <= 4000,
+            "SysTick counts 24 bits, and `now` 32"
         );
         Self {
             megahertz,
@@ -98,8 +98,9 @@ impl Port for SysTickPort {
                 // SAFETY: as above.
                 left = unsafe { CURRENT.read_volatile() };
             }
-            let passed = u64::from(self.megahertz * 1000 - 1 - left);
-            milliseconds * MILLISECOND + passed * 1000 / u64::from(self.megahertz)
+            // 32 bits, which the processor divides by itself: less than 4000 million.
+            let passed = (self.megahertz * 1000 - 1 - left) * 1000 / self.megahertz;
+            milliseconds * MILLISECOND + u64::from(passed)
         })
     }
 

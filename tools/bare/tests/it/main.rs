@@ -35,3 +35,4 @@ mod interrupts;
 #[cfg(target_os = "linux")]
 mod preemption;
 mod processes;
+mod sync;
