@@ -8,7 +8,7 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-const COUNT: u64 = 20_000;
+const COUNT: u64 = 10_000;
 
 extern "C" fn on_signal(_: libc::c_int) {
     cpu::preempt();
