@@ -15,9 +15,10 @@
 //! # Locks
 //!
 //! A lock ([`lock`]) is the critical section: an interrupt cannot wait for what it has interrupted.
-//! No lock is biased, since the fences of the bias would order a thread that then has to wait. So
-//! the longest section with interrupts disabled is that of the longest step under a lock: the copy
-//! of one value, or the look at the channels of one alternative.
+//! Locks are biased as elsewhere, since the fast paths rely on it; but the owner of a bias enters by
+//! beginning the critical section ([`inside`]). So an interrupt that revokes a bias finds the owner
+//! outside, and waits for nothing. The longest section with interrupts disabled is that of the
+//! longest step under a lock: the copy of one value, or the look at the channels of one alternative.
 //!
 //! # Allocation and panics
 //!
@@ -34,10 +35,8 @@ pub mod alarm;
 #[path = "../portable/boost.rs"]
 pub mod boost;
 pub(crate) mod clock;
-#[path = "../portable/fence.rs"]
 pub mod fence;
 pub(crate) mod futex;
-#[path = "../portable/inside.rs"]
 pub mod inside;
 pub mod lock;
 mod once;

@@ -2,6 +2,7 @@
 
 use luna_bare::cpu;
 use luna_channels::{Buffer, Receiver, Sender, alt, buffered, channel};
+use luna_core::biased_lock::bias_after;
 use luna_core::timer_queue::Sleep;
 use luna_executors::{Executor, ProcessSpec};
 use luna_platform::clock::Instant;
@@ -116,6 +117,8 @@ fn an_interrupt_asks_for_the_stop() {
 /// urgent one. A loop ticks. Returns the interrupts that came, and those in the middle of another.
 fn schedule(seed: u64) -> (u64, u64) {
     const COUNT: u64 = 4;
+    // Every second time interrupts revoke the bias of locks.
+    bias_after(if seed % 2 == 0 { 1 } else { 16 });
     cpu::begin(seed, 3 + seed % 14);
     let executor = Executor::new();
     let (one, from_one) = buffered(Buffer::fifo(1 + (seed % 3) as usize));
