@@ -1,7 +1,7 @@
 //! Variables of a thread; without `std`, of a context.
 
-/// Thread-local variables, in the syntax of `std::thread_local!` with constant first values. Without
-/// an operating system each of the CPU's contexts has one of them.
+/// Thread-local variables, in the syntax of `std::thread_local!` with constant first values.
+/// Without an operating system each of the CPU's contexts has one of them.
 ///
 /// ```
 /// use std::cell::Cell;
@@ -18,8 +18,8 @@ macro_rules! local {
     ($($all:tt)*) => { ::std::thread_local! { $($all)* } };
 }
 
-/// Variables of which each of the CPU's contexts has one, in the syntax of `std::thread_local!` with
-/// constant first values.
+/// Variables of which each of the CPU's contexts has one, in the syntax of `std::thread_local!`
+/// with constant first values.
 #[cfg(not(feature = "std"))]
 #[macro_export]
 macro_rules! local {

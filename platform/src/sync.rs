@@ -19,8 +19,8 @@ pub use std::sync::OnceLock;
 #[cfg(any(feature = "std", all(target_has_atomic = "64", not(debug_assertions))))]
 pub use core::sync::atomic as plain;
 
-/// The atomics; the 64-bit ones are critical sections. So are they in builds with debug assertions on
-/// every processor, for the tests of a simulated one.
+/// The atomics; the 64-bit ones are critical sections. So are they in builds with debug assertions
+/// on every processor, for the tests of a simulated one.
 #[cfg(not(any(feature = "std", all(target_has_atomic = "64", not(debug_assertions)))))]
 pub mod plain {
     pub use crate::bare::{AtomicI64, AtomicU64};

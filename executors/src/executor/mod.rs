@@ -72,9 +72,9 @@ impl ExecutorHandle {
     }
 
     /// From now on the thread sleeps as soon as it has nothing to do, regardless of
-    /// [`spin_before_sleep`](luna_platform::thread::Attributes::spin_before_sleep): for when another
-    /// thread comes to its core. Returns whether that changes anything. Real-time path: yes; one
-    /// atomic operation.
+    /// [`spin_before_sleep`](luna_platform::thread::Attributes::spin_before_sleep): for when
+    /// another thread comes to its core. Returns whether that changes anything. Real-time path:
+    /// yes; one atomic operation.
     pub fn end_spin(&self) -> bool {
         self.shared.spin.swap(0, Ordering::Relaxed) > 0
     }

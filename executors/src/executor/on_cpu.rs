@@ -13,8 +13,9 @@ use luna_platform::bare;
 /// level. With nothing to do it idles in the [port](bare::Port), until an interrupt wakes a process
 /// or the earliest deadline comes.
 ///
-/// Processes are spawned before [`run`](Self::run), or by others while it runs. A process that never
-/// awaits keeps the CPU; interrupts are served all the same. A panic in a process ends the program.
+/// Processes are spawned before [`run`](Self::run), or by others while it runs. A process that
+/// never awaits keeps the CPU; interrupts are served all the same. A panic in a process ends the
+/// program.
 ///
 /// ```ignore
 /// let executor = Executor::new();

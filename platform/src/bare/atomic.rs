@@ -1,8 +1,8 @@
 //! 64-bit atomics for processors that have none: each operation is a critical section.
 //!
-//! Not those of the crate `portable-atomic`: on a processor that has 32-bit compare-and-swap, as from
-//! the Cortex-M3 on, its 64-bit ones are a spin lock. An interrupt would spin for ever on the lock
-//! that the interrupted program holds.
+//! Not those of the crate `portable-atomic`: on a processor that has 32-bit compare-and-swap, as
+//! from the Cortex-M3 on, its 64-bit ones are a spin lock. An interrupt would spin for ever on the
+//! lock that the interrupted program holds.
 
 use core::cell::UnsafeCell;
 use core::fmt;

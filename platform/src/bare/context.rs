@@ -22,8 +22,9 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 /// `handler` is `Send`, since it runs in another context than its caller.
 ///
 /// In it these may be called: `try_send` and `try_recv` of channels, a `Waker`,
-/// [`EventCount::announce`](crate::event_count::EventCount::announce), and all that reads. What waits panics there, and what allocates or frees
-/// relies on an allocator that may be called from interrupts.
+/// [`EventCount::announce`](crate::event_count::EventCount::announce), and all that reads. What
+/// waits panics there, and what allocates or frees relies on an allocator that may be called from
+/// interrupts.
 ///
 /// # Panics
 ///

@@ -1,7 +1,8 @@
 //! The critical section of all locks.
 //!
-//! Sections of the crate `critical-section` end in the reverse order of their begin; guards of locks
-//! end in any order. So the first lock begins the one section, and the last that is left ends it.
+//! Sections of the crate `critical-section` end in the reverse order of their begin; guards of
+//! locks end in any order. So the first lock begins the one section, and the last that is left ends
+//! it.
 
 use core::cell::Cell;
 use critical_section::RestoreState;

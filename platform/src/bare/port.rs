@@ -13,8 +13,8 @@ pub trait Port: Sync {
     fn now(&self) -> u64;
 
     /// Waits for a [`wake`](Self::wake), or until [`now`](Self::now) reaches `deadline`;
-    /// [`Instant::NEVER`] is none. Called by the program alone, outside of critical sections. It may
-    /// return without a cause, as after any interrupt.
+    /// [`Instant::NEVER`] is none. Called by the program alone, outside of critical sections. It
+    /// may return without a cause, as after any interrupt.
     ///
     /// A wake that came since the last return ends it at once: the caller has looked for work
     /// before, and an interrupt may have come since. `wfe` of ARM does just that.
@@ -32,8 +32,8 @@ pub trait Port: Sync {
 /// The installed port: written once, before `IS_INSTALLED` is set.
 struct Installed(UnsafeCell<Option<&'static dyn Port>>);
 
-// SAFETY: it is written in a critical section while `IS_INSTALLED` is not set, by the one caller that
-// finds it empty, and is read only once that is set. A port is `Sync`.
+// SAFETY: it is written in a critical section while `IS_INSTALLED` is not set, by the one caller
+// that finds it empty, and is read only once that is set. A port is `Sync`.
 unsafe impl Sync for Installed {}
 
 static INSTALLED: Installed = Installed(UnsafeCell::new(None));
@@ -56,8 +56,8 @@ pub unsafe fn install(port: &'static dyn Port) {
     let is_first = critical_section::with(|_| {
         let is_first = !IS_INSTALLED.load(Ordering::Relaxed);
         if is_first {
-            // SAFETY: nothing reads it before it is marked as installed, and nothing else writes it:
-            // this is a critical section.
+            // SAFETY: nothing reads it before it is marked as installed, and nothing else writes
+            // it: this is a critical section.
             unsafe { *INSTALLED.0.get() = Some(port) };
             IS_INSTALLED.store(true, Ordering::Release);
         }

@@ -1,9 +1,9 @@
 //! A port for a Cortex-M with one core, from the M3 on: SysTick is the clock, `wfe` and `sev` are
 //! idling and wake.
 //!
-//! Its resolution is that of the processor's clock. To idle it waits for the next interrupt, of which
-//! SysTick is one each millisecond; it spins through the last millisecond before a deadline. A port
-//! for a product arms a timer of the chip instead, and stops SysTick.
+//! Its resolution is that of the processor's clock. To idle it waits for the next interrupt, of
+//! which SysTick is one each millisecond; it spins through the last millisecond before a deadline.
+//! A port for a product arms a timer of the chip instead, and stops SysTick.
 //!
 //! ```ignore
 //! static PORT: SysTickPort = SysTickPort::new(168); // MHz
@@ -29,7 +29,8 @@ use luna_platform::clock::Instant;
 
 const MILLISECOND: u64 = 1_000_000;
 
-/// The registers of SysTick, and the one of the system control block that says whether it is pending.
+/// The registers of SysTick, and the one of the system control block that says whether it is
+/// pending.
 const CONTROL: *mut u32 = 0xE000_E010 as *mut u32;
 const RELOAD: *mut u32 = 0xE000_E014 as *mut u32;
 const CURRENT: *mut u32 = 0xE000_E018 as *mut u32;
@@ -128,8 +129,9 @@ impl Port for SysTickPort {
     }
 }
 
-/// The critical section of one core: its interrupts are disabled. It is that of the crate `cortex-m`
-/// with the feature `critical-section-single-core`, to be used where that is there anyway.
+/// The critical section of one core: its interrupts are disabled. It is that of the crate
+/// `cortex-m` with the feature `critical-section-single-core`, to be used where that is there
+/// anyway.
 struct InterruptsDisabled;
 critical_section::set_impl!(InterruptsDisabled);
 
@@ -137,8 +139,8 @@ critical_section::set_impl!(InterruptsDisabled);
 unsafe impl critical_section::Impl for InterruptsDisabled {
     unsafe fn acquire() -> bool {
         let disabled: u32;
-        // SAFETY: reads whether interrupts are disabled, and disables them. Not `nomem`: what follows
-        // stays behind it.
+        // SAFETY: reads whether interrupts are disabled, and disables them. Not `nomem`: what
+        // follows stays behind it.
         unsafe {
             asm!("mrs {}, primask", "cpsid i", out(reg) disabled, options(nostack, preserves_flags));
         }

@@ -5,8 +5,8 @@
 //!
 //! Interrupts come where the kernel meets the CPU: before a critical section and after it, at each
 //! use of a context's own variables, when the clock is read or a wake is made, and while the CPU
-//! idles. They do not come in a critical section, and one comes in the middle of another only if its
-//! priority is higher. A CPU that idles for ever fails the test: a wake was lost.
+//! idles. They do not come in a critical section, and one comes in the middle of another only if
+//! its priority is higher. A CPU that idles for ever fails the test: a wake was lost.
 
 use luna_platform::bare::{self, Port};
 use luna_platform::clock::Instant;
@@ -32,8 +32,8 @@ struct Interrupt {
 /// A handler on its way into the context of its interrupt.
 struct OnCpu<'a, R>(&'a dyn Fn() -> R);
 
-// SAFETY: handlers run in interrupts alone, which are never two at once: a handler comes in the middle
-// of another one only, and of none twice. So it has what it captures for itself.
+// SAFETY: handlers run in interrupts alone, which are never two at once: a handler comes in the
+// middle of another one only, and of none twice. So it has what it captures for itself.
 unsafe impl<R> Send for OnCpu<'_, R> {}
 
 impl<R> OnCpu<'_, R> {
@@ -118,8 +118,8 @@ impl Drop for Turn {
     }
 }
 
-/// Makes this thread the CPU. At first it has interrupts that send and receive on a channel of their
-/// own, which disturb what runs and are not disturbed: see [`noise`].
+/// Makes this thread the CPU. At first it has interrupts that send and receive on a channel of
+/// their own, which disturb what runs and are not disturbed: see [`noise`].
 fn take() {
     static IS_INSTALLED: AtomicBool = AtomicBool::new(false);
     // A thread that is ending has no variables any more.

@@ -56,8 +56,8 @@ static VECTORS: [Vector; 16] = [
 /// The first code that runs.
 #[unsafe(no_mangle)]
 unsafe extern "C" fn reset() {
-    // SAFETY: nothing else runs yet. The linker script gives the bounds, which are aligned to words;
-    // the register turns on the floating-point unit, which the target's code uses.
+    // SAFETY: nothing else runs yet. The linker script gives the bounds, which are aligned to
+    // words; the register turns on the floating-point unit, which the target's code uses.
     unsafe {
         let (mut to, mut from) = (&raw mut data_start, &raw const data_source);
         while to.cast_const() < &raw const data_end {

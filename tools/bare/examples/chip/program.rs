@@ -35,8 +35,8 @@ pub(crate) unsafe extern "C" fn sys_tick() {
 }
 
 pub(crate) fn main() {
-    // SAFETY: LUNA runs on this core alone, and the one handler calls it within `interrupt`. Nothing
-    // else uses SysTick.
+    // SAFETY: LUNA runs on this core alone, and the one handler calls it within `interrupt`.
+    // Nothing else uses SysTick.
     unsafe { PORT.start() };
     let executor = Executor::new();
     let ((ticks, from_ticks), (done, is_done)) = (buffered(Buffer::fifo(4)), channel());

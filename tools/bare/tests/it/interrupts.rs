@@ -113,8 +113,9 @@ fn an_interrupt_asks_for_the_stop() {
 }
 
 /// Two interrupts, of which one comes in the middle of the other, feed two buffers. A process takes
-/// from both by alternatives, and passes what it gets to a more urgent one and by a buffer to a less
-/// urgent one. A loop ticks. Returns the interrupts that came, and those in the middle of another.
+/// from both by alternatives, and passes what it gets to a more urgent one and by a buffer to a
+/// less urgent one. A loop ticks. Returns the interrupts that came, and those in the middle of
+/// another.
 fn schedule(seed: u64) -> (u64, u64) {
     const COUNT: u64 = 4;
     // Every second time interrupts revoke the bias of locks.

@@ -1,5 +1,5 @@
-//! The kernel without an operating system, on a simulated CPU. The channels' own tests run here too:
-//! those that need no threads.
+//! The kernel without an operating system, on a simulated CPU. The channels' own tests run here
+//! too: those that need no threads.
 
 #[path = "../../../../channels/tests/common/mod.rs"]
 mod common;

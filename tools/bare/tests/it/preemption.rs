@@ -16,8 +16,8 @@ extern "C" fn on_signal(_: libc::c_int) {
 
 /// Lets SIGUSR1 interrupt the calling thread, as often as it can, while `f` runs.
 fn interrupted(f: impl FnOnce()) {
-    // SAFETY: the handler does only what may be done in the middle of anything: it neither allocates
-    // nor locks, but for the critical section, which holds it back.
+    // SAFETY: the handler does only what may be done in the middle of anything: it neither
+    // allocates nor locks, but for the critical section, which holds it back.
     let thread = unsafe {
         let mut action: libc::sigaction = std::mem::zeroed();
         action.sa_sigaction = on_signal as *const () as usize;
