@@ -3,10 +3,10 @@
 //! It runs on QEMU's board mps2-an386, and is to be read beside docs/no-std.md:
 //!
 //! ```console
-//! $ cargo build --release -p luna-bare --features bare --example chip --target
-//! thumbv7em-none-eabihf $ qemu-system-arm -machine mps2-an386 -nographic -semihosting -icount
-//! shift=5 \
-//!     -kernel target/thumbv7em-none-eabihf/release/examples/chip
+//! $ chip=thumbv7em-none-eabihf
+//! $ cargo build --release -p luna-bare --features bare --example chip --target $chip
+//! $ qemu-system-arm -machine mps2-an386 -nographic -semihosting -icount shift=5 \
+//!     -kernel target/$chip/release/examples/chip
 //! ```
 
 #![cfg_attr(target_os = "none", no_std, no_main)]
