@@ -119,7 +119,7 @@ fn an_interrupt_asks_for_the_stop() {
 fn schedule(seed: u64) -> (u64, u64) {
     const COUNT: u64 = 4;
     // Every second time interrupts revoke the bias of locks.
-    bias_after(if seed % 2 == 0 { 1 } else { 16 });
+    bias_after(if seed.is_multiple_of(2) { 1 } else { 16 });
     cpu::begin(seed, 3 + seed % 14);
     let executor = Executor::new();
     let (one, from_one) = buffered(Buffer::fifo(1 + (seed % 3) as usize));
