@@ -5,7 +5,7 @@ use crate::operation::{Node, Sending};
 use crate::waiter::{Make, Waiter};
 use core::fmt;
 use core::ptr::NonNull;
-use luna_platform::panics::catch_silently;
+use luna_platform::panics::catch_unwind;
 
 /// A send's node with its source.
 pub(crate) type Offered<T, S> = Node<T, Sending<S>>;
@@ -153,7 +153,7 @@ unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) 
         let offered = node.cast::<Offered<T, Made<F>>>().as_ptr();
         (*offered).direction.source.0.take()
     }?;
-    match catch_silently(make) {
+    match catch_unwind(make) {
         Ok(value) => Some(value),
         Err(payload) => {
             // Its drop is the user's code, and this is under the lock. The panic hook has reported

@@ -14,7 +14,7 @@ use core::cell::Cell;
 use core::ptr::{self, NonNull};
 use core::sync::atomic::{AtomicPtr, Ordering};
 use luna_platform::on_drop::OnDrop;
-use luna_platform::panics::catch_silently;
+use luna_platform::panics::catch_unwind;
 
 /// The head of an allocation that can be freed later: a field of it, from which `free` finds the
 /// whole.
@@ -197,7 +197,7 @@ unsafe fn free_one(head: NonNull<Retired>) {
     if cfg!(any(loom, shuttle)) {
         // A model checker reports its findings by a panic: let it through.
         free();
-    } else if let Err(payload) = catch_silently(free) {
+    } else if let Err(payload) = catch_unwind(free) {
         // The drop of the payload is user code too, and may panic.
         core::mem::forget(payload);
     }

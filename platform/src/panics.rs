@@ -29,17 +29,18 @@ crate::local! {
 pub fn catch<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
     let before = ARE_CAUGHT.replace(true);
     let _restore = OnDrop::new(|| ARE_CAUGHT.set(before));
-    catch_silently(f)
+    catch_unwind(f)
 }
 
-/// Calls `f` and catches its panic, which counts as any other for the panic hook. Without `std`
-/// there is nothing to be caught: a panic ends the program.
+/// Calls `f` and catches its panic, as [`std::panic::catch_unwind`] does: it counts as any other
+/// for the panic hook. No `UnwindSafe` is asked for, as by [`catch`]. Without `std` there is
+/// nothing to be caught: a panic ends the program.
 ///
 /// # Errors
 ///
 /// The payload of the panic.
 #[inline(always)]
-pub fn catch_silently<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
+pub fn catch_unwind<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
     #[cfg(feature = "std")]
     return std::panic::catch_unwind(core::panic::AssertUnwindSafe(f));
     #[cfg(not(feature = "std"))]

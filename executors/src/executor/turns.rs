@@ -20,7 +20,7 @@ use luna_core::park;
 use luna_core::spin;
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
-use luna_platform::panics::{catch_silently, resume};
+use luna_platform::panics::{catch_unwind, resume};
 #[cfg(feature = "std")]
 use luna_platform::usage;
 
@@ -42,7 +42,7 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     );
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
-    let lived = catch_silently(|| live(&shared, &deadlines));
+    let lived = catch_unwind(|| live(&shared, &deadlines));
     // Panics of bodies are caught where they are polled. This one comes from elsewhere: a foreign
     // waker, say.
     if let Err(payload) = lived {
@@ -108,7 +108,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
 /// Runs rounds; ends the process that panics in one. Catching it here and not around each poll
 /// saves that.
 pub(crate) fn turns(rounds: impl FnOnce()) {
-    if let Err(payload) = catch_silently(rounds)
+    if let Err(payload) = catch_unwind(rounds)
         && let Err(own) = task::interrupted(payload)
     {
         resume(own);

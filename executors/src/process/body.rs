@@ -10,7 +10,7 @@ use core::pin::Pin;
 use core::ptr;
 use core::task::{Context, Poll};
 use luna_core::current;
-use luna_platform::panics::catch_silently;
+use luna_platform::panics::catch_unwind;
 
 /// How a body ended, with its exit value before that is published.
 pub(crate) enum End<O> {
@@ -121,7 +121,7 @@ impl<F: Future, B> Body<F, B> {
         }
         let poisons = abandoned && record.is_poisoned();
         // A completed body is dropped within its last poll. That is no part of its replay log.
-        let dropped = catch_silently(|| {
+        let dropped = catch_unwind(|| {
             let mut drop_body = || match abandoned {
                 true => current::with_abandoned(|| self.as_mut().clear()),
                 false => self.as_mut().clear(),
@@ -177,7 +177,7 @@ pub(crate) fn poll_attentively(
     }
     record.begin_poll();
     let mut has_completed = false;
-    let polled = catch_silently(|| {
+    let polled = catch_unwind(|| {
         let mut poll = |cx: &mut Context<'_>| {
             let polled = poll(cx);
             has_completed = polled.is_ready();

@@ -13,7 +13,7 @@ use core::mem::{self, ManuallyDrop, offset_of};
 use core::ptr::NonNull;
 use luna_core::current::{self, Process};
 use luna_core::deferred_free::Retired;
-use luna_platform::panics::catch_silently;
+use luna_platform::panics::catch_unwind;
 
 /// Ends the process in the turn of which the panic occurred. If there is none, returns the payload:
 /// the panic is the thread's own.
@@ -82,7 +82,7 @@ pub(super) unsafe fn end_left(task: NonNull<Task>, why: &str) {
     // retired, at the end.
     unsafe {
         let this = task.as_ref();
-        let ended = catch_silently(|| {
+        let ended = catch_unwind(|| {
             current::give_turn(&this.process, || {
                 current::poison_dropped_ends(|| {
                     let payload = Box::new(why.to_owned());
