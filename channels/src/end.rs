@@ -3,10 +3,10 @@
 use crate::core::Channel;
 use crate::replay;
 use crate::stamp::Stamp;
+use core::fmt;
+use core::marker::PhantomData;
+use core::ptr::NonNull;
 use luna_core::current;
-use std::fmt;
-use std::marker::PhantomData;
-use std::ptr::NonNull;
 
 /// What a [`Sender`](crate::Sender) and a [`Receiver`](crate::Receiver) have in common.
 ///
@@ -25,8 +25,8 @@ unsafe impl<T: Send> Send for End<T> {}
 // SAFETY: a shared end gives access to the channel alone, which is shared under its lock and by
 // atomics; values pass from thread to thread.
 unsafe impl<T: Send> Sync for End<T> {}
-impl<T> std::panic::UnwindSafe for End<T> {}
-impl<T> std::panic::RefUnwindSafe for End<T> {}
+impl<T> core::panic::UnwindSafe for End<T> {}
+impl<T> core::panic::RefUnwindSafe for End<T> {}
 // The values lie in the channel, not in its ends.
 impl<T> Unpin for End<T> {}
 

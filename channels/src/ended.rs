@@ -3,17 +3,17 @@
 use crate::in_place::InPlace;
 use crate::replay::{self, Logged, Stage};
 use crate::wait_point::{Ending, WaitPoint, WaitQueues};
+use core::cell::UnsafeCell;
+use core::fmt;
+use core::future::Future;
+use core::marker::PhantomPinned;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
 use luna_core::wait_list::{WaitList, WaitNode};
-use std::cell::UnsafeCell;
-use std::fmt;
-use std::future::Future;
-use std::marker::PhantomPinned;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 /// How a channel has ended: what [`Ended`] gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

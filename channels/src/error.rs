@@ -1,7 +1,7 @@
 //! What can go wrong with an operation: one small type for each, and the value comes back.
 
 use crate::wait_point::Ending;
-use std::fmt;
+use core::fmt;
 use thiserror::Error;
 
 macro_rules! gives_value_back {

@@ -4,9 +4,9 @@ use crate::end::End;
 use crate::ended::ChannelEnd;
 use crate::finally::Finally;
 use crate::waiter::{Outcome, Waiter};
+use core::fmt;
+use core::ops::{Deref, DerefMut};
 use luna_core::current::Priority;
-use std::fmt;
-use std::ops::{Deref, DerefMut};
 
 /// State that a mode's receive keeps beside its node, whatever the type of the value. Sealed: its
 /// module is private.

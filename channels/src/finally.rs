@@ -1,6 +1,6 @@
 //! Steps that are also done while a panic of user code unwinds.
 
-use std::mem;
+use core::mem;
 
 /// Calls a function when it is dropped: for what must follow user code (a wake, a drop), however
 /// that ends. The rule stands at the head of [`luna_core::current::WakeHandle`]'s module.

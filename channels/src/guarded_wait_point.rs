@@ -2,10 +2,10 @@
 
 use crate::inspect::{Identity, WaitPointKind, register, unregister};
 use crate::wait_point::{WaitPoint, WaitQueues};
+use core::ops::Deref;
+use core::ptr::NonNull;
 use luna_core::deferred_free::Shared;
 use luna_platform::sync::UnsafeCell;
-use std::ops::Deref;
-use std::ptr::NonNull;
 
 /// A wait point with cache lines of its own, and with a state that its lock guards.
 ///

@@ -26,11 +26,11 @@
 //! bias is alone with the lock, and what waits on a hand-off slot is a poll of that thread which
 //! has not come back.
 
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
 
 /// The two sides of a hand-off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,7 +114,7 @@ impl HandOffSlots {
     pub(crate) fn new() -> Self {
         Self {
             states: [state::FREE, state::FREE].map(AtomicU8::new),
-            values: std::array::from_fn(|_| UnsafeCell::new(MaybeUninit::uninit())),
+            values: core::array::from_fn(|_| UnsafeCell::new(MaybeUninit::uninit())),
         }
     }
 

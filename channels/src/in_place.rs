@@ -1,6 +1,6 @@
 //! Access to the fields of a pinned value, where its own code moves nothing that must stay.
 
-use std::pin::Pin;
+use core::pin::Pin;
 
 /// A type of which no code moves a part that is pinned with the whole.
 ///

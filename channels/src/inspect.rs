@@ -7,14 +7,24 @@
 use crate::core::{FastPath, Meet};
 use crate::wait_point::{Ending, Mover, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
+use alloc::borrow::ToOwned;
+use alloc::boxed::Box;
+use alloc::collections::BTreeMap;
+use alloc::format;
+use alloc::string::String;
+use alloc::string::ToString;
+use alloc::vec::Vec;
+use core::panic::Location;
+use core::ptr::NonNull;
 use luna_core::current::User;
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
-use std::collections::BTreeMap;
-use std::panic::Location;
-use std::ptr::NonNull;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+#[cfg(not(feature = "std"))]
+use luna_platform::lock::{PiGuard as MutexGuard, PiLock as Mutex};
+use luna_platform::sync::OnceLock;
+use luna_platform::sync::plain::{AtomicBool, AtomicU64, Ordering};
+#[cfg(feature = "std")]
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// What kind of meeting place it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -257,7 +267,10 @@ unsafe impl Send for Registered {}
 static WAIT_POINTS: Mutex<BTreeMap<u64, Registered>> = Mutex::new(BTreeMap::new());
 
 fn registered() -> MutexGuard<'static, BTreeMap<u64, Registered>> {
-    WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner)
+    #[cfg(feature = "std")]
+    return WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
+    #[cfg(not(feature = "std"))]
+    WAIT_POINTS.lock()
 }
 
 /// Registers a wait point. Off the real-time path, as is making one.

@@ -33,9 +33,20 @@
 //! waking costs no atomic reference counts, and tokio, smol, or plain threads, where wakers do the
 //! waking.
 
+#![cfg_attr(
+    not(feature = "std"),
+    no_std,
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
+)]
+
 // loom and shuttle check the same models: shuttle has loom's names.
 #[cfg(all(test, shuttle))]
 extern crate shuttle as loom;
+
+extern crate alloc;
 
 mod alternative;
 mod barrier;
@@ -98,8 +109,8 @@ pub mod __private {
 }
 
 use crate::inspect::{Identity, WaitPointKind};
+use ::core::task::Context;
 use luna_core::current::{self, QueueEnd};
-use std::task::Context;
 
 /// Makes a rendezvous channel: a send ends when a receiver has taken the value. Allocates the
 /// channel; not for the real-time path.

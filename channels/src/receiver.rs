@@ -7,14 +7,15 @@ use crate::error::{RecvError, RecvTimeoutError, TryRecvError};
 use crate::extended::Extending;
 use crate::operation::{RecvOp, RecvTimeout};
 use crate::stream::Incoming;
+use alloc::boxed::Box;
+use core::fmt;
+use core::future::Future;
+use core::ptr::NonNull;
+use core::time::Duration;
 use futures_core::Stream;
 use futures_lite::{StreamExt, stream};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
-use std::fmt;
-use std::future::Future;
-use std::ptr::NonNull;
-use std::time::Duration;
 
 /// The receiving end of a channel. Any number of clones, on any threads, may receive at the same
 /// time; each value goes to one.
@@ -212,7 +213,7 @@ impl<T> Receiver<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_recv_timeout(&self, timeout: Duration) -> Result<T, RecvTimeoutError> {
-        let mut recv = std::pin::pin!(self.recv());
+        let mut recv = core::pin::pin!(self.recv());
         match luna_core::park::block_on_until(recv.as_mut(), Instant::now() + timeout) {
             Some(received) => received.map_err(RecvTimeoutError::from),
             None => recv.give_up(),

@@ -19,12 +19,12 @@
 //! that node, and the owner that finds its alternative chosen takes the lock of the one channel to
 //! learn the outcome.
 
+use core::ptr::NonNull;
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard, Refused};
 use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::ptr::NonNull;
 
 /// It cannot be committed: the owner does not wait.
 const CLOSED: u32 = 0;
@@ -79,7 +79,7 @@ pub struct SelectState {
 
 impl SelectState {
     /// Whether one that is not open has anything to drop.
-    pub(crate) const HAS_DROP: bool = std::mem::needs_drop::<BiasedLock<()>>();
+    pub(crate) const HAS_DROP: bool = core::mem::needs_drop::<BiasedLock<()>>();
 
     #[inline]
     pub(crate) fn new() -> Self {
@@ -95,9 +95,9 @@ impl SelectState {
             entered: UnsafeCell::new(None),
             #[cfg(loom)]
             number: {
-                static NEXT: std::sync::atomic::AtomicUsize =
-                    std::sync::atomic::AtomicUsize::new(0);
-                NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed)
+                static NEXT: core::sync::atomic::AtomicUsize =
+                    core::sync::atomic::AtomicUsize::new(0);
+                NEXT.fetch_add(1, core::sync::atomic::Ordering::Relaxed)
             },
         }
     }

@@ -7,11 +7,11 @@ use crate::error::{SendError, SendTimeoutError, TrySendError};
 use crate::operation::{SendOp, SendTimeout};
 use crate::source::{FromSlot, Made};
 use crate::waiter::Waiter;
+use core::fmt;
+use core::ptr::NonNull;
+use core::time::Duration;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
-use std::fmt;
-use std::ptr::NonNull;
-use std::time::Duration;
 
 /// The sending end of a channel. Any number of clones, on any threads, may send at the same time.
 ///
@@ -237,7 +237,7 @@ impl<T> Sender<T> {
         value: T,
         timeout: Duration,
     ) -> Result<(), SendTimeoutError<T>> {
-        let mut send = std::pin::pin!(self.send(value));
+        let mut send = core::pin::pin!(self.send(value));
         match luna_core::park::block_on_until(send.as_mut(), Instant::now() + timeout) {
             Some(sent) => sent.map_err(SendTimeoutError::from),
             None => send.give_up(),

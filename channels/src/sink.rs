@@ -2,9 +2,9 @@
 
 use crate::error::SendError;
 use crate::sender::Sender;
+use core::pin::Pin;
+use core::task::{Context, Poll, ready};
 use futures_util::sink::{Sink, unfold};
-use std::pin::Pin;
-use std::task::{Context, Poll, ready};
 
 /// A sink that drops what it sends by when it is closed.
 struct Closing<S>(Option<Pin<Box<S>>>);

@@ -3,9 +3,9 @@
 
 use crate::operation::{Node, Sending};
 use crate::waiter::{Make, Waiter};
-use std::fmt;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr::NonNull;
+use core::fmt;
+use core::ptr::NonNull;
+use luna_platform::panics::catch_unwind;
 
 /// A send's node with its source.
 pub(crate) type Offered<T, S> = Node<T, Sending<S>>;
@@ -153,12 +153,12 @@ unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) 
         let offered = node.cast::<Offered<T, Made<F>>>().as_ptr();
         (*offered).direction.source.0.take()
     }?;
-    match catch_unwind(AssertUnwindSafe(make)) {
+    match catch_unwind(make) {
         Ok(value) => Some(value),
         Err(payload) => {
             // Its drop is the user's code, and this is under the lock. The panic hook has reported
             // it.
-            std::mem::forget(payload);
+            core::mem::forget(payload);
             None
         }
     }

@@ -1,7 +1,7 @@
 //! Stamps of choices: the basis of a fair alternative.
 
-use std::cell::Cell;
-use std::sync::atomic::{AtomicU64, Ordering};
+use core::cell::Cell;
+use luna_platform::sync::plain::{AtomicU64, Ordering};
 
 /// Stamp of an end's last choice by a fair alternative; 0 if it was never chosen.
 ///
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[derive(Debug, Default)]
 pub struct Stamp(AtomicU64);
 
-thread_local! {
+luna_platform::local! {
     static CHOICES: Cell<u64> = const { Cell::new(0) };
 }
 

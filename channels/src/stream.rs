@@ -2,12 +2,12 @@
 
 use crate::operation::RecvOp;
 use crate::receiver::Receiver;
+use core::fmt;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use futures_core::Stream;
 use pin_project_lite::pin_project;
-use std::fmt;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 pin_project! {
     /// The values of a channel as a stream: see [`Receiver::stream`].

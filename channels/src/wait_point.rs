@@ -5,11 +5,11 @@ use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
+use core::ptr::NonNull;
 use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Inheritor, PlainTurn, ProcessId, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
-use std::ptr::NonNull;
 
 /// Whether communication is still possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +63,7 @@ impl Waiting {
     const TAG: usize = 7;
 
     const fn special(number: u8) -> Self {
-        Self(std::ptr::without_provenance_mut(number as usize))
+        Self(core::ptr::without_provenance_mut(number as usize))
     }
 
     const fn tag(of_sender: bool) -> usize {
@@ -586,10 +586,16 @@ impl WaitPoint {
     }
 }
 
-#[cfg(all(test, not(loom), target_os = "linux", target_pointer_width = "64"))]
+#[cfg(all(
+    test,
+    feature = "std",
+    not(loom),
+    target_os = "linux",
+    target_pointer_width = "64"
+))]
 mod tests {
     use super::*;
-    use std::mem::offset_of;
+    use core::mem::offset_of;
 
     /// Bounds the memory of a channel: with five lists of two words, and no packed fields, it was
     /// half as much again.

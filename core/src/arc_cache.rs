@@ -5,10 +5,10 @@
 //! these references costs two atomic read-modify-write operations a process; a reference from the
 //! cache is counted already.
 
-use std::cell::Cell;
-use std::mem;
-use std::ptr;
-use std::sync::Arc;
+use alloc::sync::Arc;
+use core::cell::Cell;
+use core::mem;
+use core::ptr;
 
 /// Capacity of the cache.
 const MAX: usize = 256;

@@ -45,6 +45,8 @@ mod guards;
 pub use guards::{BiasedGuard, InsideGuard, Refused};
 
 use crate::current::{self, PlainTurn};
+use core::fmt;
+use core::marker::PhantomData;
 use guards::Held;
 use luna_platform::fence;
 use luna_platform::inside::Inside;
@@ -52,25 +54,23 @@ use luna_platform::lock::{PiGuard, PiLock};
 use luna_platform::on_drop::OnDrop;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
-use std::fmt;
-use std::marker::PhantomData;
 
 /// Uses in a row by one executor after which the lock becomes biased to it.
 const ALONE: u8 = 16;
 
 /// The threshold of this program; see [`bias_after`].
-static USES_ALONE: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::new(ALONE);
+static USES_ALONE: core::sync::atomic::AtomicU8 = core::sync::atomic::AtomicU8::new(ALONE);
 
 /// Sets the number of uses after which a lock becomes biased. For tests that are shorter than the
 /// default threshold.
 #[doc(hidden)]
 pub fn bias_after(uses: u8) {
-    USES_ALONE.store(uses, std::sync::atomic::Ordering::Relaxed);
+    USES_ALONE.store(uses, core::sync::atomic::Ordering::Relaxed);
 }
 
 #[inline]
 fn uses_alone() -> u8 {
-    USES_ALONE.load(std::sync::atomic::Ordering::Relaxed)
+    USES_ALONE.load(core::sync::atomic::Ordering::Relaxed)
 }
 
 /// No bias; no executor has this id.
@@ -117,8 +117,8 @@ pub struct BiasedLock<T> {
 
 // The guarded value begins on the cache line of the lock's words. Channels rely on the space that
 // is left there.
-#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
-const _: () = assert!(std::mem::offset_of!(BiasedLock<u64>, value) == 32);
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
+const _: () = assert!(core::mem::offset_of!(BiasedLock<u64>, value) == 32);
 
 // SAFETY: the lock gives access to one thread at a time, so it may be shared if the value may move
 // between threads.
@@ -368,7 +368,7 @@ impl<T> BiasedLock<T> {
     /// Whether this is the value that it guards.
     #[inline(always)]
     pub fn guards(&self, value: &T) -> bool {
-        self.value.with(|own| std::ptr::eq(own, value))
+        self.value.with(|own| core::ptr::eq(own, value))
     }
 
     /// Whether the lock is biased.
@@ -390,7 +390,7 @@ impl<T> BiasedLock<T> {
             // SAFETY: each caller passes the executor of the calling thread, or 0, to which no lock
             // is biased.
             if let Some(inside) = unsafe { self.lock_if_biased_to(me) } {
-                std::mem::forget(inside);
+                core::mem::forget(inside);
                 return self.guard(Held::Inside(me));
             }
             if let Some(uses) = self.lock_shared(me) {
@@ -460,7 +460,7 @@ impl<T> BiasedLock<T> {
         let restore = OnDrop::new(|| self.bias.store(before, Ordering::Release));
         fence::heavy();
         self.inside.wait_until_left();
-        std::mem::forget(restore);
+        core::mem::forget(restore);
     }
 }
 

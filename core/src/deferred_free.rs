@@ -10,11 +10,11 @@ mod shared;
 
 pub use shared::Shared;
 
+use core::cell::Cell;
+use core::ptr::{self, NonNull};
+use core::sync::atomic::{AtomicPtr, Ordering};
 use luna_platform::on_drop::OnDrop;
-use std::cell::Cell;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr::{self, NonNull};
-use std::sync::atomic::{AtomicPtr, Ordering};
+use luna_platform::panics::catch_unwind;
 
 /// The head of an allocation that can be freed later: a field of it, from which `free` finds the
 /// whole.
@@ -52,7 +52,7 @@ struct Own {
     last: Cell<*mut Retired>,
 }
 
-thread_local! {
+luna_platform::local! {
     static OWN: Own = const {
         Own {
             keeps: Cell::new(false),
@@ -197,16 +197,16 @@ unsafe fn free_one(head: NonNull<Retired>) {
     if cfg!(any(loom, shuttle)) {
         // A model checker reports its findings by a panic: let it through.
         free();
-    } else if let Err(payload) = catch_unwind(AssertUnwindSafe(free)) {
+    } else if let Err(payload) = catch_unwind(free) {
         // The drop of the payload is user code too, and may panic.
-        std::mem::forget(payload);
+        core::mem::forget(payload);
     }
 }
 
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
-    use std::sync::Arc;
+    use alloc::sync::Arc;
 
     #[repr(C)]
     struct Counted {

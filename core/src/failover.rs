@@ -21,8 +21,8 @@
 //! assert!(failover.finish(turn) && failover.is_done());
 //! ```
 
+use core::fmt;
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
-use std::fmt;
 
 /// The maximum number of jobs.
 pub const MAX_JOBS: usize = 1 << 12;

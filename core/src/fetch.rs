@@ -12,7 +12,7 @@ pub(crate) fn lines<const N: usize>(start: *const u8, distances: [usize; N]) {
 #[cfg(all(target_arch = "x86_64", not(miri)))]
 #[inline(always)]
 fn line(address: *const u8) {
-    use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+    use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
     // SAFETY: every processor of this architecture has the instruction, which faults at no address.
     unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) };
 }

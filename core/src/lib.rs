@@ -13,6 +13,14 @@
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 //! - `fetch`, `model_local` (private): prefetches, and thread-locals that a model checker sees.
 
+#![cfg_attr(
+    not(feature = "std"),
+    no_std,
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
+)]
 #![allow(
     clippy::new_without_default,
     reason = "what is made here belongs to one thread or system: made on purpose, not by default"
@@ -22,12 +30,16 @@
 #[cfg(shuttle)]
 extern crate shuttle as loom;
 
+extern crate alloc;
+
 pub mod arc_cache;
 pub mod biased_lock;
+#[cfg(feature = "std")]
 pub mod byte_ring;
 pub mod current;
 pub mod deferred_free;
 pub mod events;
+#[cfg(feature = "std")]
 pub mod failover;
 mod fetch;
 mod model_local;

@@ -4,7 +4,7 @@
 macro_rules! model_local {
     ($($(#[$attribute:meta])* static $name:ident: $type:ty = const $first:block;)*) => {
         #[cfg(not(loom))]
-        std::thread_local! {
+        luna_platform::local! {
             $($(#[$attribute])* static $name: $type = const $first;)*
         }
         #[cfg(loom)]

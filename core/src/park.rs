@@ -3,19 +3,19 @@
 #[cfg(not(loom))]
 use crate::current;
 use crate::deferred_free::Shared;
-use luna_platform::bell::Bell;
-use luna_platform::clock::{Clock, Instant};
-use luna_platform::futex::Waited;
-use luna_platform::sync::atomic::{AtomicU32, Ordering};
-use std::mem::ManuallyDrop;
-use std::task::{RawWaker, RawWakerVTable, Waker};
+use core::mem::ManuallyDrop;
+use core::task::{RawWaker, RawWakerVTable, Waker};
 #[cfg(not(loom))]
-use std::{
+use core::{
     cell::Cell,
     future::Future,
     pin::{Pin, pin},
     task::{Context, Poll},
 };
+use luna_platform::bell::Bell;
+use luna_platform::clock::{Clock, Instant};
+use luna_platform::futex::Waited;
+use luna_platform::sync::atomic::{AtomicU32, Ordering};
 
 const EMPTY: u32 = 0;
 /// The thread sleeps or is about to. The thread itself clears this when it is awake.
@@ -159,7 +159,7 @@ pub fn waker(parker: &Shared<Parker>) -> Waker {
 
 /// Whether `waker` is that of a parker: its functions are not user code.
 pub(crate) fn is_own(waker: &Waker) -> bool {
-    std::ptr::eq(waker.vtable(), &VTABLE)
+    core::ptr::eq(waker.vtable(), &VTABLE)
 }
 
 static VTABLE: RawWakerVTable = RawWakerVTable::new(clone_waker, wake, wake_by_ref, drop_waker);
@@ -200,7 +200,7 @@ unsafe fn drop_waker(owner: *const ()) {
 }
 
 #[cfg(not(loom))]
-thread_local! {
+luna_platform::local! {
     /// A thread blocks in one call at a time; nested calls (a poll that blocks) create a parker of
     /// their own.
     static PARKER: Cell<Option<Shared<Parker>>> = const { Cell::new(None) };
@@ -278,8 +278,8 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
-    use std::sync::Arc;
-    use std::time::Duration;
+    use alloc::sync::Arc;
+    use core::time::Duration;
 
     #[test]
     fn a_wake_from_another_thread_ends_the_wait() {
@@ -293,11 +293,11 @@ mod tests {
     #[test]
     fn block_on_until_gives_up_at_the_deadline() {
         assert_eq!(
-            block_on_until(pin!(std::future::pending::<()>()), Instant::now()),
+            block_on_until(pin!(core::future::pending::<()>()), Instant::now()),
             None
         );
         assert_eq!(
-            block_on_until(pin!(std::future::ready(7)), Instant::now()),
+            block_on_until(pin!(core::future::ready(7)), Instant::now()),
             Some(7)
         );
     }
@@ -305,7 +305,7 @@ mod tests {
     #[test]
     fn wakes_do_not_hide_the_deadline() {
         let mut polls = 0;
-        let busy = std::future::poll_fn(|cx| {
+        let busy = core::future::poll_fn(|cx| {
             polls += 1;
             assert!(polls < 10, "the deadline came before the first wake");
             cx.waker().wake_by_ref();
@@ -318,12 +318,12 @@ mod tests {
     #[test]
     fn wakes_give_no_time_anew_where_the_clock_stands() {
         const TIME: Duration = Duration::from_micros(100);
-        let clock = Clock::from(std::sync::Arc::new(
+        let clock = Clock::from(alloc::sync::Arc::new(
             luna_platform::clock::VirtualClock::new(),
         ));
         let _inside = clock.enter();
         let mut polls = 0;
-        let busy = std::future::poll_fn(|cx| {
+        let busy = core::future::poll_fn(|cx| {
             polls += 1;
             assert!(polls < 10, "the time is up at the first wakes");
             let end = Instant::now_real() + TIME;
@@ -341,9 +341,9 @@ mod loom_tests {
     //! On every interleaving: no wake is missed, and the woken thread sees what came before.
 
     use super::*;
+    use alloc::sync::Arc;
     use loom::thread;
     use luna_platform::sync::UnsafeCell;
-    use std::sync::Arc;
 
     struct Exchange {
         parker: Parker,

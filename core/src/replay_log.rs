@@ -12,10 +12,10 @@
 //! neither recorded nor replayed.
 
 use crate::current;
+use core::fmt;
+use core::task::{Context, Poll};
 use luna_platform::clock::Instant;
-use std::fmt;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::task::{Context, Poll};
+use luna_platform::sync::plain::{AtomicU64, Ordering};
 
 /// The stamp that a partner gets from a process that is not recorded.
 pub const OUTSIDER: u64 = u64::MAX;

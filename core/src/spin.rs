@@ -7,7 +7,7 @@ use crate::current;
 
 /// At least as long as [`look`] takes.
 #[cfg(not(loom))]
-const LOOKS_TAKE: std::time::Duration = std::time::Duration::from_micros(4);
+const LOOKS_TAKE: core::time::Duration = core::time::Duration::from_micros(4);
 
 /// Whether an operation that has to wait may spin for its partner first.
 ///

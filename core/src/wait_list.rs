@@ -4,13 +4,14 @@
 //! its node with it. The list belongs to a lock: every method is called with that lock held.
 
 use crate::current::{self, PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
-use std::cell::Cell;
-use std::ops::Deref;
-use std::ptr::NonNull;
+use core::cell::Cell;
+use core::ops::Deref;
+use core::ptr::NonNull;
 
 /// One waiter. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a
 /// pointer to the node is one to the structure.
 #[derive(Debug)]
+#[repr(align(8))] // `Waiting` of luna-channels keeps three bits of the address, also on a 32-bit chip.
 pub struct WaitNode {
     /// In a node that [waits alone](WaitNode::wait_alone): its process, and nothing else of the
     /// node is written.
@@ -185,7 +186,7 @@ impl WaitList {
 
     #[inline]
     fn listed(&self) -> impl Iterator<Item = Listed> + '_ {
-        std::iter::successors(self.first, |node| node.after.get())
+        core::iter::successors(self.first, |node| node.after.get())
     }
 
     /// The waiter after `node`.
@@ -440,10 +441,10 @@ impl WaitList {
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
-    use std::task::{Context, Waker};
+    use core::task::{Context, Waker};
 
     fn order(list: &mut WaitList, nodes: &[Box<WaitNode>]) -> Vec<usize> {
-        std::iter::from_fn(|| list.pop())
+        core::iter::from_fn(|| list.pop())
             .map(|node| {
                 nodes
                     .iter()

@@ -4,11 +4,12 @@
 use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
 use crate::simulation::Stage;
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use core::cell::RefCell;
+use core::fmt;
 use luna_platform::clock::Clock;
 use luna_platform::on_drop::OnDrop;
-use std::cell::RefCell;
-use std::fmt;
-use std::sync::Arc;
 
 /// Where the calls of one thread are counted, with the observer to notify when the last has ended.
 #[derive(Clone)]
@@ -19,7 +20,7 @@ pub(crate) struct Desk {
     stage: Option<Arc<Stage>>,
 }
 
-thread_local! {
+luna_platform::local! {
     /// The desk of this thread, while it runs processes.
     static HERE: RefCell<Option<Desk>> = const { RefCell::new(None) };
 }

@@ -32,11 +32,11 @@
 use crate::executor::{Serves, Shared};
 use crate::inbound::DEADLINE;
 use crate::interference;
+use core::cell::Cell;
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::alarm::Alarm;
 use luna_platform::clock::Instant;
 use luna_platform::sync::Arc;
-use std::cell::Cell;
 
 /// For how many rounds the executor looks at the clock: together they cost about as much as an
 /// alarm that is armed, goes off, and is disarmed.
@@ -184,12 +184,12 @@ impl Deadlines {
 mod tests {
     use super::*;
     use crate::{Executor, Exit, OsThread, ProcessSpec, yield_now};
+    use alloc::rc::Rc;
+    use core::pin::{Pin, pin};
+    use core::task::{Context, Waker};
+    use core::time::Duration;
     use luna_core::timer_queue::Sleep;
     use luna_platform::thread::Attributes;
-    use std::pin::{Pin, pin};
-    use std::rc::Rc;
-    use std::task::{Context, Waker};
-    use std::time::Duration;
 
     thread_local! {
         /// How often an alarm of this thread was armed: the system calls that deadlines have cost.
@@ -331,17 +331,17 @@ mod tests {
                     come.set(true);
                 });
                 let mut late = 0;
-                std::future::poll_fn(|cx| {
+                core::future::poll_fn(|cx| {
                     let begin = Instant::now();
                     if sleep.as_mut().poll(cx).is_ready() || late > 1 {
-                        return std::task::Poll::Ready(());
+                        return core::task::Poll::Ready(());
                     }
                     // This turn began when the deadline had come long before. That may be once:
                     // another thread may take the core away just before the turn begins.
                     late += u32::from(begin > deadline + TURN);
                     while Instant::now() < begin + TURN {}
                     cx.waker().wake_by_ref();
-                    std::task::Poll::Pending
+                    core::task::Poll::Pending
                 })
                 .await;
                 assert!(has_come.get() && late <= 1, "{late} turns too late");

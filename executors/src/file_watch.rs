@@ -46,7 +46,7 @@ pub fn prepare_files() -> Result<(), FileError> {
     ThreadFiles::here().map(drop)
 }
 
-thread_local! {
+luna_platform::local! {
     /// The hook for this thread's files, and the files, while it runs processes.
     static HERE: RefCell<Option<Here>> = const { RefCell::new(None) };
     /// Whether this thread has files to look at. Its address stands for the thread.

@@ -24,11 +24,11 @@
 
 use crate::quiescence::Quiescence;
 use crate::remote_wakes::{Near, RemoteWakes, WakeSlot};
+use core::time::Duration;
 use luna_core::spin;
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 
 /// Set while the owner sleeps or is about to. Bits 0 to 31 are the levels.
 const ASLEEP: u64 = 1 << 32;
@@ -87,7 +87,7 @@ pub(crate) struct Inbound {
 
 // The portable futex is larger than a word.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
-const _: () = assert!(std::mem::offset_of!(Inbound, near) + size_of::<Near>() <= 64);
+const _: () = assert!(core::mem::offset_of!(Inbound, near) + size_of::<Near>() <= 64);
 
 impl Inbound {
     pub(crate) fn new() -> Self {

@@ -8,10 +8,10 @@
 //! Of the poll in which a busy executor's alarm went off the part from then on is known. Polls
 //! before that are not reported.
 
+use core::cell::Cell;
+use core::time::Duration;
 use luna_core::current::{self, ProcessId};
 use luna_platform::clock::Instant;
-use std::cell::Cell;
-use std::time::Duration;
 
 /// Polls shorter than this many nanoseconds make no process late, and are not remembered.
 const NOTABLE: u64 = 10_000;
@@ -61,7 +61,7 @@ struct Memory {
     next: Cell<usize>,
 }
 
-thread_local! {
+luna_platform::local! {
     static MEMORY: Memory = const {
         Memory {
             polled: Cell::new(0),

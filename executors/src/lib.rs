@@ -23,10 +23,21 @@
 //! # Ok(()) }
 //! ```
 
+#![cfg_attr(
+    not(feature = "std"),
+    no_std,
+    allow(dead_code, reason = "files and simulations use a part"),
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
+)]
 #![allow(
     clippy::new_without_default,
     reason = "what is made here belongs to one thread or system: made on purpose, not by default"
 )]
+
+extern crate alloc;
 
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;
@@ -35,7 +46,7 @@ mod quiescence;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod remote_wakes;
 
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 mod blocking;
 #[cfg(not(loom))]
 mod call_count;
@@ -43,21 +54,21 @@ mod call_count;
 mod deadlines;
 #[cfg(not(loom))]
 mod executor;
-#[cfg(all(unix, not(loom)))]
+#[cfg(all(feature = "std", unix, not(loom)))]
 mod file_error;
-#[cfg(all(unix, not(loom)))]
+#[cfg(all(feature = "std", unix, not(loom)))]
 mod file_waits;
-#[cfg(all(unix, not(loom)))]
+#[cfg(all(feature = "std", unix, not(loom)))]
 mod file_watch;
-#[cfg(all(unix, not(loom)))]
+#[cfg(all(feature = "std", unix, not(loom)))]
 mod files;
 #[cfg(not(loom))]
 mod interference;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 mod os_thread;
 #[cfg(not(loom))]
 mod process;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 mod simulation;
 #[cfg(not(loom))]
 mod task;
@@ -65,11 +76,16 @@ mod task;
 mod yield_now;
 
 /// Where files have no descriptors nothing waits for them.
-#[cfg(all(not(unix), not(loom)))]
+#[cfg(all(any(not(feature = "std"), not(unix)), not(loom)))]
 mod file_watch {
+    use crate::executor::Shared;
+    use alloc::sync::Arc;
     use luna_platform::bell::Bell;
+    use luna_platform::on_drop::OnDrop;
 
-    pub(crate) fn enter(_: &Bell) {}
+    pub(crate) fn enter(_: &Bell, _: Option<Arc<Shared>>) -> OnDrop<fn()> {
+        OnDrop::new(|| ())
+    }
 
     pub(crate) fn glance(_: &Bell) {}
 
@@ -78,26 +94,52 @@ mod file_watch {
     }
 }
 
+/// Without threads there are no simulations.
+#[cfg(all(not(feature = "std"), not(loom)))]
+mod simulation {
+    use alloc::boxed::Box;
+    use luna_platform::clock::Clock;
+
+    pub(crate) enum Stage {}
+
+    impl Stage {
+        pub(crate) fn begin_call(&self) -> u64 {
+            match *self {}
+        }
+
+        pub(crate) fn clock(&self) -> Clock {
+            match *self {}
+        }
+
+        pub(crate) fn call_done(&self, _: u64, _: Box<dyn FnOnce() + Send>) {
+            match *self {}
+        }
+    }
+}
+
 #[cfg(all(test, loom))]
 mod loom_tests;
 
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub use {
     blocking::{Blocking, MAX_BUDDIES, NoBuddy, blocking, prepare_blocking},
+    os_thread::{Nested, OsThread, block_on, block_on_patiently},
+    simulation::{
+        ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,
+    },
+};
+#[cfg(not(loom))]
+pub use {
     call_count::UnderWay,
     executor::{Announced, Executor, ExecutorHandle, has_given_up},
     interference::{Interference, Turn, interference, look_at_clock},
-    os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
         Exit, ExitValue, Join, Name, PollMonitor, ProcessHandle, ProcessRegistry, ProcessSpec,
         ProcessState, Quiescent, Verdict, panic_message, poll_monitor,
     },
-    simulation::{
-        ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,
-    },
     yield_now::{YieldNow, yield_now},
 };
-#[cfg(all(unix, not(loom)))]
+#[cfg(all(feature = "std", unix, not(loom)))]
 pub use {
     file_error::FileError,
     file_watch::prepare_files,

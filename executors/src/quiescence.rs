@@ -35,6 +35,7 @@
 //! only to watch it. A count of the threads that are awake would be one word for all of them. It
 //! would also touch zero whenever one thread wakes another and sleeps before that one has woken.
 
+use alloc::vec::Vec;
 use luna_platform::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 const STILL: u64 = 1;

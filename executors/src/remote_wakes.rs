@@ -14,6 +14,7 @@
 //! owner looked last, at one level, the one with the lower slot comes first. All of them come
 //! before any that is woken later, so no process starves.
 
+use alloc::vec::Vec;
 use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -29,16 +30,21 @@ pub(crate) struct Near([AtomicU32; NEAR]);
 
 impl Near {
     pub(crate) fn new() -> Self {
-        Self(std::array::from_fn(|_| AtomicU32::new(0)))
+        Self(core::array::from_fn(|_| AtomicU32::new(0)))
     }
 }
 
-/// Number of words that a block has for each level; few in a model of all interleavings.
-const WORDS: usize = if cfg!(loom) { 1 } else { 64 };
+/// Number of words that a block has for each level; few in a model of all interleavings, and where
+/// there is little memory.
+const WORDS: usize = if cfg!(any(loom, not(feature = "std"))) {
+    1
+} else {
+    64
+};
 const BITS: usize = u64::BITS as usize;
 const BLOCK_SLOTS: usize = WORDS * BITS;
 
-/// The bits of 4096 wake slots: four bytes for each.
+/// The bits of 4096 wake slots: four bytes for each. Without an operating system, of 64 slots.
 #[derive(Debug)]
 struct Block {
     /// For each level, which of its words may have a bit set.
@@ -50,8 +56,8 @@ impl Block {
     fn new() -> Self {
         let zero = |_| AtomicU64::new(0);
         Self {
-            summary: std::array::from_fn(zero),
-            words: std::array::from_fn(|_| std::array::from_fn(zero)),
+            summary: core::array::from_fn(zero),
+            words: core::array::from_fn(|_| core::array::from_fn(zero)),
         }
     }
 }
@@ -205,7 +211,7 @@ impl<T: Copy> RemoteWakes<T> {
 
 /// The places of the bits that are set, lowest first.
 fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
+    core::iter::from_fn(move || {
         let place = bits.trailing_zeros() as usize;
         (bits != 0).then(|| {
             bits &= bits - 1;

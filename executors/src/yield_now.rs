@@ -1,9 +1,9 @@
 //! Letting others run.
 
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::current;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 /// Goes to the end of the queue of the process' level once: others of the same level, and all of
 /// higher ones, run first.

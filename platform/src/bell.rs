@@ -4,7 +4,8 @@ use crate::clock::Instant;
 use crate::futex::{Futex, Waited};
 use crate::path::{self, Call};
 use crate::sync::atomic::Ordering;
-use std::fmt;
+use core::fmt;
+#[cfg(feature = "std")]
 use std::sync::{Arc, OnceLock};
 
 /// A source of events besides the bell, for a thread that waits for files too.
@@ -44,11 +45,13 @@ pub trait Watch: Send + Sync + fmt::Debug {
 #[derive(Debug)]
 pub struct Bell {
     rung: Futex,
+    #[cfg(feature = "std")]
     hook: Hook,
 }
 
 /// The place of a [`Bell`]'s [`Watch`]. Its owner sets it, while awake: it then sleeps in the
-/// watch, for good. Clones refer to the same place.
+/// watch, for good. Clones refer to the same place. Without `std` there is none.
+#[cfg(feature = "std")]
 pub type Hook = Arc<OnceLock<Arc<dyn Watch>>>;
 
 impl Bell {
@@ -56,11 +59,13 @@ impl Bell {
     pub fn new() -> Self {
         Self {
             rung: Futex::new(0),
+            #[cfg(feature = "std")]
             hook: Hook::default(),
         }
     }
 
     /// The place of the watch.
+    #[cfg(feature = "std")]
     pub fn hook(&self) -> &Hook {
         &self.hook
     }
@@ -74,26 +79,27 @@ impl Bell {
     /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system
     /// call; with a watch, its own.
     pub fn wait(&self, deadline: Instant) -> Waited {
-        match self.hook.get() {
-            None => path::expected(Call::Sleep, || self.rung.wait(0, deadline)),
-            Some(watch) => watch.sleep(deadline),
+        #[cfg(feature = "std")]
+        if let Some(watch) = self.hook.get() {
+            return watch.sleep(deadline);
         }
+        path::expected(Call::Sleep, || self.rung.wait(0, deadline))
     }
 
     /// Ends the wait: step b. From any thread; lock-free, one system call.
     pub fn ring(&self) {
-        match self.hook.get() {
-            None => {
-                self.rung.word().store(1, Ordering::Release);
-                path::expected(Call::Wake, || self.rung.wake_one());
-            }
-            Some(watch) => watch.ring(),
+        #[cfg(feature = "std")]
+        if let Some(watch) = self.hook.get() {
+            return watch.ring();
         }
+        self.rung.word().store(1, Ordering::Release);
+        path::expected(Call::Wake, || self.rung.wake_one());
     }
 
     /// Polls the watch, if there is one. Owner only; without a watch one load and one branch.
     #[inline]
     pub fn glance(&self) {
+        #[cfg(feature = "std")]
         if let Some(watch) = self.hook.get() {
             watch.glance();
         }

@@ -9,9 +9,13 @@
 //! | `linux` | complete | on Linux |
 //! | `portable` | the standard library alone | elsewhere, and with `--cfg luna_portable` |
 //! | `model` | loom's clock, lock and wait, to check protocols | with `--cfg loom` |
+//! | `bare` | one CPU and its interrupts, without an operating system | without the feature `std` |
 //!
 //! `linux` has policies, priority-inheriting futex locks, absolute futex waits, epoll and memory
 //! locking. `portable` has no real-time policy; asking for one is an error.
+//!
+//! `bare` has what `luna-core` and `luna-channels` need, and nothing else of the list below: see
+//! [`bare`](https://docs.rs/luna-platform).
 //!
 //! What it offers of the system:
 //!
@@ -34,6 +38,14 @@
 //! A system call is made on the real-time path only where a function's documentation says so;
 //! [`path`] lets a test hold the path to that.
 
+#![cfg_attr(
+    not(feature = "std"),
+    no_std,
+    allow(
+        rustdoc::broken_intra_doc_links,
+        reason = "the pages speak of what `std` has"
+    )
+)]
 #![allow(
     clippy::new_without_default,
     reason = "what is made here belongs to one thread or system: made on purpose, not by default"
@@ -43,59 +55,75 @@
 #[cfg(shuttle)]
 extern crate shuttle as loom;
 
-#[cfg(not(loom))]
+extern crate alloc;
+
+#[cfg(all(feature = "std", not(loom)))]
 pub mod alarm;
 pub mod bell;
 pub mod clock;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod crash;
 pub mod event_count;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod facts;
-#[cfg(all(unix, not(loom)))]
+#[cfg(all(feature = "std", unix, not(loom)))]
 pub mod file;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod forked;
 pub mod futex;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod latency;
-#[cfg(not(loom))]
+mod local;
+#[cfg(all(feature = "std", not(loom)))]
 pub mod memory;
 pub mod on_drop;
 pub mod panics;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod parent;
 pub mod path;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod reactor;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod shortfall;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod signals;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod socket;
 pub mod spin;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod steal;
 pub mod sync;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod thread;
 
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod timer_fd;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub mod usage;
+
+#[cfg(all(loom, not(feature = "std")))]
+compile_error!("the models need the feature `std`");
 
 #[cfg(loom)]
 #[path = "model/mod.rs"]
 mod backend;
-#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
 #[path = "linux/mod.rs"]
 mod backend;
-#[cfg(all(not(all(target_os = "linux", not(luna_portable))), not(loom)))]
+#[cfg(all(
+    feature = "std",
+    not(all(target_os = "linux", not(luna_portable))),
+    not(loom)
+))]
 #[path = "portable/mod.rs"]
 mod backend;
+#[cfg(not(feature = "std"))]
+pub mod bare;
+#[cfg(not(feature = "std"))]
+use bare as backend;
 
+#[cfg(not(feature = "std"))]
+pub use backend::alarm;
 pub use backend::boost;
 pub use backend::fence;
 pub use backend::inside;

@@ -1,7 +1,7 @@
 //! A closure that runs at the end of a scope, also if a panic unwinds it.
 
-use std::fmt;
-use std::marker::PhantomData;
+use core::fmt;
+use core::marker::PhantomData;
 
 /// Runs its closure when it is dropped, on the thread that made it.
 ///

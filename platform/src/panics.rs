@@ -1,11 +1,12 @@
 //! Whether a panic on this thread is expected, and caught by code that goes on.
 
 use crate::on_drop::OnDrop;
-use std::any::Any;
-use std::cell::Cell;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use alloc::boxed::Box;
+use alloc::string::String;
+use core::any::Any;
+use core::cell::Cell;
 
-thread_local! {
+crate::local! {
     static ARE_CAUGHT: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -28,7 +29,52 @@ thread_local! {
 pub fn catch<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
     let before = ARE_CAUGHT.replace(true);
     let _restore = OnDrop::new(|| ARE_CAUGHT.set(before));
-    catch_unwind(AssertUnwindSafe(f))
+    catch_unwind(f)
+}
+
+/// Calls `f` and catches its panic, as [`std::panic::catch_unwind`] does: it counts as any other
+/// for the panic hook. No `UnwindSafe` is asked for, as by [`catch`]. Without `std` there is
+/// nothing to be caught: a panic ends the program.
+///
+/// # Errors
+///
+/// The payload of the panic.
+#[inline(always)]
+pub fn catch_unwind<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
+    #[cfg(feature = "std")]
+    return std::panic::catch_unwind(core::panic::AssertUnwindSafe(f));
+    #[cfg(not(feature = "std"))]
+    Ok(f())
+}
+
+/// Goes on with a panic that was caught.
+pub fn resume(payload: Box<dyn Any + Send>) -> ! {
+    #[cfg(feature = "std")]
+    std::panic::resume_unwind(payload);
+    #[cfg(not(feature = "std"))]
+    panic!("{}", text(&*payload).unwrap_or("a panic without words"));
+}
+
+/// Whether this thread unwinds from a panic; never without `std`.
+#[inline]
+pub fn is_panicking() -> bool {
+    #[cfg(feature = "std")]
+    return std::thread::panicking();
+    #[cfg(not(feature = "std"))]
+    false
+}
+
+/// Ends the program at once. Without `std` by a panic that cannot be caught.
+#[cold]
+pub fn abort() -> ! {
+    #[cfg(feature = "std")]
+    std::process::abort();
+    #[cfg(not(feature = "std"))]
+    {
+        // Where panics unwind, one in the middle of another ends the program.
+        let _second = OnDrop::new(|| panic!("the program is in a state that LUNA excludes"));
+        panic!("the program is in a state that LUNA excludes");
+    }
 }
 
 /// The words of a panic, if they are a text.

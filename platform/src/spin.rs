@@ -10,8 +10,8 @@ use crate::clock::Instant;
 #[cfg(not(loom))]
 use crate::on_drop::OnDrop;
 #[cfg(not(loom))]
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+use core::sync::atomic::{AtomicU32, Ordering};
+use core::time::Duration;
 
 /// The longest time that may be asked for: 1 ms.
 ///
@@ -41,7 +41,7 @@ fn measure_pause() {
     const PAUSES_AT_ONCE: u32 = 64;
     let time = || {
         let start = Instant::now();
-        (0..PAUSES_AT_ONCE).for_each(|_| std::hint::spin_loop());
+        (0..PAUSES_AT_ONCE).for_each(|_| core::hint::spin_loop());
         Instant::now() - start
     };
     // The shortest: the others were interrupted.
@@ -57,7 +57,7 @@ fn measure_pause() {
 #[cfg(not(loom))]
 #[inline]
 fn pause() {
-    (0..PAUSES.load(Ordering::Relaxed)).for_each(|_| std::hint::spin_loop());
+    (0..PAUSES.load(Ordering::Relaxed)).for_each(|_| core::hint::spin_loop());
 }
 
 /// The number of looks for each clock read, which takes 25 ns: about half a microsecond together.
@@ -90,7 +90,7 @@ pub fn until(mut is_over: impl FnMut() -> bool, time: Duration, deadline: Instan
             if is_over() {
                 return true;
             }
-            std::hint::spin_loop();
+            core::hint::spin_loop();
         }
         let now = Instant::now();
         if now >= deadline {
@@ -129,10 +129,10 @@ pub trait Outside {
 }
 
 #[cfg(not(loom))]
-thread_local! {
-    static OUTSIDE: std::cell::RefCell<Option<std::sync::Arc<dyn Outside>>> = const { std::cell::RefCell::new(None) };
+crate::local! {
+    static OUTSIDE: core::cell::RefCell<Option<alloc::sync::Arc<dyn Outside>>> = const { core::cell::RefCell::new(None) };
     /// Whether there is an [`Outside`]: read by each operation that has to wait.
-    static HAS_OUTSIDE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+    static HAS_OUTSIDE: core::cell::Cell<bool> = const { core::cell::Cell::new(false) };
 }
 
 /// Lets operations of this thread's processes spin for their partners until the guard is dropped.
@@ -163,7 +163,7 @@ thread_local! {
 /// assert!(!spin::is_allowed());
 /// ```
 #[cfg(not(loom))]
-pub fn enter(outside: std::sync::Arc<dyn Outside>) -> OnDrop<impl FnMut()> {
+pub fn enter(outside: alloc::sync::Arc<dyn Outside>) -> OnDrop<impl FnMut()> {
     measure_pause();
     OUTSIDE.set(Some(outside));
     HAS_OUTSIDE.set(true);
@@ -208,7 +208,7 @@ pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
 /// from then on each critical section costs both a sleep. If the two do nothing but use the lock (a
 /// stream between two cores), that does not end by itself. A thread that spins for longer than the
 /// other takes to wake ends it.
-#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
 const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
 
 /// The time between two looks of such a thread at a lock, in units of [`BETWEEN_LOOKS`]: 400 ns.
@@ -217,12 +217,12 @@ const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
 /// the guarded data still in its cache: the data then moves from core to core once for many
 /// critical sections. The first look comes after half of that time: where two threads meet, the
 /// holder leaves, and waits for the other.
-#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
 const BETWEEN_LOOKS_AT_LOCK: u32 = 4;
 
 /// How a thread that may spin before it sleeps spins on a lock that another thread holds: the
 /// number of looks, and the pauses between them. `None`: as any other thread.
-#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
 pub(crate) fn at_lock() -> Option<(u32, u32)> {
     if !HAS_OUTSIDE.get() {
         return None;
@@ -237,7 +237,7 @@ pub(crate) fn at_lock() -> Option<(u32, u32)> {
 
 #[cfg(loom)]
 loom::thread_local! {
-    static IS_ALLOWED: std::cell::Cell<bool> = std::cell::Cell::new(false);
+    static IS_ALLOWED: core::cell::Cell<bool> = core::cell::Cell::new(false);
 }
 
 /// In a model a thread declares by this call that its operations spin.
@@ -249,7 +249,7 @@ pub fn let_look() {
 /// Whether the model's thread called [`let_look`].
 #[cfg(loom)]
 pub fn is_allowed() -> bool {
-    IS_ALLOWED.with(std::cell::Cell::get)
+    IS_ALLOWED.with(core::cell::Cell::get)
 }
 
 /// Looks once: the continuation does not depend on the number of looks.
@@ -258,11 +258,17 @@ pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     is_over()
 }
 
-#[cfg(all(test, target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(
+    test,
+    feature = "std",
+    target_os = "linux",
+    not(luna_portable),
+    not(loom)
+))]
 mod tests {
     use super::*;
-    use std::sync::Arc;
-    use std::sync::atomic::AtomicU64;
+    use alloc::sync::Arc;
+    use core::sync::atomic::AtomicU64;
 
     /// May spin for this number of nanoseconds.
     struct For(AtomicU64);

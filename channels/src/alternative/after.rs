@@ -3,15 +3,15 @@
 use super::guard::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::replay;
 use crate::wait_point::WaitQueues;
+use core::future::Future;
+use core::panic::Location;
+use core::pin::Pin;
+use core::task::{Context, Poll};
+use core::time::Duration;
 use luna_core::current::PendingWake;
 use luna_core::timer_queue::{Sleep, no_timers};
 use luna_platform::clock::Instant;
 use pin_project_lite::pin_project;
-use std::future::Future;
-use std::panic::Location;
-use std::pin::Pin;
-use std::task::{Context, Poll};
-use std::time::Duration;
 
 /// Waits for `delay`, counted from this call. See [`at`] for what it costs.
 ///

@@ -14,11 +14,11 @@ use super::list::{MAX_GUARDS, Open};
 use crate::select_state::SelectState;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use arrayvec::ArrayVec;
+use core::ptr::NonNull;
+use core::task::Context;
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{PendingWake, WakeHandle};
 use luna_platform::clock::Instant;
-use std::ptr::NonNull;
-use std::task::Context;
 
 /// The locks of an alternative's wait points.
 pub(super) struct Locks<'a>(

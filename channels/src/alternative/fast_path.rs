@@ -23,11 +23,11 @@ use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::{Outcome, Waiter};
+use core::pin::Pin;
+use core::ptr::NonNull;
 use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::{WaitList, WaitNode};
-use std::pin::Pin;
-use std::ptr::NonNull;
 
 /// A guard on the fast path: a plain send or receive, of which the value does not matter.
 #[derive(Debug, Clone, Copy)]

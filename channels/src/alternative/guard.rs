@@ -4,12 +4,12 @@ use super::fast_path::PlainGuard;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current::PendingWake;
 use luna_core::wait_list::WaitNode;
 use luna_platform::clock::Instant;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 /// An operation that an alternative may offer: what `recv`, `recv_extended`, `send`, `send_from`,
 /// `send_with`, `after` and `at` return, a barrier's `sync`, a client's `call`, and what falls due

@@ -8,8 +8,8 @@ use crate::barrier::SyncOp;
 use crate::call::CallOp;
 use crate::operation::{Direction, Operation};
 use arrayvec::ArrayVec;
-use std::mem::MaybeUninit;
-use std::pin::Pin;
+use core::mem::MaybeUninit;
+use core::pin::Pin;
 
 /// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
 /// which also costs less for many.
@@ -88,8 +88,8 @@ offered! {
 /// A guard that has not been looked at: not where it will stay yet.
 pub struct Seed<G: Guard>(G::Seed);
 
-impl<G: Guard> std::fmt::Debug for Seed<G> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl<G: Guard> core::fmt::Debug for Seed<G> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("Seed")
     }
 }
@@ -255,8 +255,8 @@ pub trait Guards {
 #[derive(Default)]
 pub struct Collected<'a>(pub(super) Open<'a>);
 
-impl std::fmt::Debug for Collected<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl core::fmt::Debug for Collected<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(f, "Collected({})", self.0.len())
     }
 }

@@ -5,6 +5,8 @@
 //! are numbered anew. That takes O(n) steps once in at least n choices; everything else takes as
 //! many steps as there are levels of 64 positions: two for 4 096, three for 262 144.
 
+use alloc::vec;
+use alloc::vec::Vec;
 use arrayvec::ArrayVec;
 
 /// No position, no member.

@@ -23,6 +23,8 @@ mod entry;
 mod fast_path;
 mod recv;
 
+use alloc::boxed::Box;
+use alloc::vec::Vec;
 pub(crate) use entry::Entry;
 use entry::{Hub, OwnEntry};
 pub use recv::AlternativeRecv;
@@ -33,11 +35,11 @@ use crate::receiver::Receiver;
 use crate::replay;
 use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
+use core::fmt;
+use core::marker::PhantomData;
+use core::ptr::{self, NonNull};
+use core::task::{Context, Poll, RawWakerVTable};
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
-use std::fmt;
-use std::marker::PhantomData;
-use std::ptr::{self, NonNull};
-use std::task::{Context, Poll, RawWakerVTable};
 
 /// Receives from any number of channels, whichever is ready: fair, or by priority.
 ///

@@ -1,11 +1,11 @@
 //! STOP: an alternative without an open guard, which waits for ever. It is listed for reports.
 
+use core::cell::UnsafeCell;
+use core::marker::PhantomPinned;
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 use luna_core::current;
 use luna_core::wait_list::WaitNode;
-use std::cell::UnsafeCell;
-use std::marker::PhantomPinned;
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
 
 #[cfg(not(loom))]
 pub(crate) use list::with_stopped;

@@ -4,15 +4,15 @@ use super::guard::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::replay;
 use crate::stamp::Stamp;
 use crate::wait_point::WaitQueues;
+use core::fmt;
+use core::future::Future;
+use core::panic::Location;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::current::{self, PendingWake};
 use luna_core::timer_queue::{Sleep, no_timers};
 use luna_platform::clock::Instant;
 use pin_project_lite::pin_project;
-use std::fmt;
-use std::future::Future;
-use std::panic::Location;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 /// Something that falls due on the clock, and can have been put off when its time comes.
 #[doc(hidden)]

@@ -13,10 +13,10 @@
 use super::{Barrier, Meeting};
 use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{PlainPendingWake, PlainTurn};
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
 
 /// The most parties that are released in one critical section.
 const TOGETHER: usize = 16;

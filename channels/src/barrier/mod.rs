@@ -30,9 +30,9 @@ use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
+use core::fmt;
 use luna_core::current::{self, User};
 use luna_core::deferred_free::Shared;
-use std::fmt;
 
 /// How far a barrier is. Guarded by its lock.
 #[derive(Debug)]
@@ -81,8 +81,8 @@ pub struct Barrier {
     chosen: Stamp,
 }
 
-impl std::panic::UnwindSafe for Barrier {}
-impl std::panic::RefUnwindSafe for Barrier {}
+impl core::panic::UnwindSafe for Barrier {}
+impl core::panic::RefUnwindSafe for Barrier {}
 
 impl Barrier {
     /// A barrier of `parties`. With none, a `sync` returns at once until a party enrolls.

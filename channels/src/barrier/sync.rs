@@ -7,15 +7,15 @@ use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
+use core::cell::UnsafeCell;
+use core::fmt;
+use core::future::Future;
+use core::marker::PhantomPinned;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current::{self, PendingWake, PlainTurn, Renewal, WakeHandle};
 use luna_platform::sync::atomic::Ordering;
-use std::cell::UnsafeCell;
-use std::fmt;
-use std::future::Future;
-use std::marker::PhantomPinned;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {

@@ -3,9 +3,9 @@
 use super::Message;
 use crate::end::End;
 use crate::waiter::Outcome;
+use core::fmt;
+use core::ops::{Deref, DerefMut};
 use luna_core::current::Inheritor;
-use std::fmt;
-use std::ops::{Deref, DerefMut};
 
 /// A call that was accepted: the request, and the duty to reply. Dropped without a reply, its
 /// client's call fails as [`Unanswered`](crate::CallError::Unanswered).
@@ -137,7 +137,7 @@ impl<Q, A> Reply<'_, Q, A> {
     /// Lets the client go on with `message`; gives it back if the client has gone.
     fn finish(&mut self, message: Message<Q, A>) -> Option<Message<Q, A>> {
         let mut message = Some(message);
-        let ticket = std::mem::take(&mut self.ticket);
+        let ticket = core::mem::take(&mut self.ticket);
         if ticket != 0 {
             self.end.channel().finish_held(ticket, |client| {
                 if let Some(message) = message.take() {

@@ -8,13 +8,13 @@ use crate::operation::SendOp;
 use crate::select_state::SelectState;
 use crate::sender::Sender;
 use crate::wait_point::{Ending, WaitQueues};
+use core::fmt;
+use core::future::Future;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current;
 use pin_project_lite::pin_project;
-use std::fmt;
-use std::future::Future;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 /// The calling end of a [`call_channel`](crate::call_channel). Any number of clones, on any
 /// threads, may call at the same time.

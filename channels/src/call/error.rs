@@ -1,6 +1,6 @@
 //! What can go wrong with a call.
 
-use std::fmt;
+use core::fmt;
 use thiserror::Error;
 
 /// A call failed. A request that no server has taken is given back.

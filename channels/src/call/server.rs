@@ -7,8 +7,8 @@ use crate::error::{RecvError, TryRecvError};
 use crate::operation::RecvOp;
 use crate::receiver::Receiver;
 use crate::replay;
+use core::fmt;
 use luna_core::current;
-use std::fmt;
 
 /// The answering end of a [`call_channel`](crate::call_channel). Any number of clones, on any
 /// threads, may accept at the same time; each call goes to one. One server may have accepted

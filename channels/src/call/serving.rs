@@ -8,9 +8,9 @@ use crate::extended::{Mode, Noted};
 use crate::operation::Node;
 use crate::wait_point::Ending;
 use crate::waiter::{Outcome, Waiter};
+use core::ptr::NonNull;
 use luna_core::current::{Inheritor, Priority};
 use luna_platform::sync::atomic::Ordering;
-use std::ptr::NonNull;
 
 /// The client is held until it is answered, and its priority is inherited.
 #[derive(Debug)]

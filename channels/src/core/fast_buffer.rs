@@ -7,9 +7,9 @@ use super::fast_path::leave_done;
 use super::{Channel, FastPath};
 use crate::wait_point::{LastUser, WaitPoint};
 use crate::waiter::Waiter;
+use core::hint::assert_unchecked;
+use core::ptr::NonNull;
 use luna_core::current::PlainTurn;
-use std::hint::assert_unchecked;
-use std::ptr::NonNull;
 
 impl<T> Channel<T> {
     /// Stores the value of a sender, or lists the sender.

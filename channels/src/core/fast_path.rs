@@ -30,11 +30,11 @@ use crate::alternative::{Commit, commit, take_first};
 use crate::select_state::SelectState;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
+use core::hint::black_box;
+use core::ptr::NonNull;
 use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
-use std::hint::black_box;
-use std::ptr::NonNull;
 
 /// Result of an operation on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,11 +5,11 @@ use super::{Channel, ChannelGuard, Locked};
 use crate::hand_off_slots::{Side, has_room};
 use crate::wait_point::{LastUser, user_number};
 use crate::waiter::{Outcome, Waiter};
+use core::ptr::NonNull;
+use core::task::Context;
 use luna_core::current::{self, Renewal};
 use luna_core::events;
 use luna_core::spin;
-use std::ptr::NonNull;
-use std::task::Context;
 
 /// Result of an operation at the hand-off slots.
 pub(crate) enum HandOff<'a, T> {
@@ -26,7 +26,7 @@ struct AbortOnDrop;
 
 impl Drop for AbortOnDrop {
     fn drop(&mut self) {
-        std::process::abort();
+        luna_platform::panics::abort();
     }
 }
 
@@ -139,7 +139,7 @@ impl<T> Channel<T> {
         // the way (in the test for attention of its thread) ends the program.
         let stays = AbortOnDrop;
         spin::look(|| !hand_off_slots.is_waiting(side));
-        std::mem::forget(stays);
+        core::mem::forget(stays);
         // SAFETY: the operation waited on this slot with this node, and this is its poll, as is
         // demanded here. The slot's state says whether it is done; only this poll leaves that
         // state.

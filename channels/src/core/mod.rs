@@ -36,15 +36,16 @@ use crate::inspect::{Identity, ValueMethods, WaitPointKind};
 pub(crate) use crate::wait_point::Ending;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
+use alloc::boxed::Box;
+use alloc::collections::VecDeque;
+use core::mem::offset_of;
+use core::ptr::NonNull;
+use core::task::Context;
 use luna_core::current::{self, Renewal, WakeHandle};
 use luna_core::deferred_free::{self, Retired};
 use luna_core::spin;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
-use std::collections::VecDeque;
-use std::mem::offset_of;
-use std::ptr::NonNull;
-use std::task::Context;
 
 /// Number of received values that can come back from dropped futures before more memory must be
 /// allocated: see [`Channel::return_value`].
@@ -391,7 +392,7 @@ impl<T> Channel<T> {
                 let entry = node.cast::<Entry<T>>();
                 // SAFETY: a node in the list is that of a live entry, which the lock guards.
                 unsafe {
-                    if std::mem::take(&mut (*entry.as_ptr()).rings) {
+                    if core::mem::take(&mut (*entry.as_ptr()).rings) {
                         break Entry::select_state(entry).close();
                     }
                     next = locked.lists.registered.after(node);
@@ -606,7 +607,7 @@ fn count_one_more(ends: &AtomicU32) -> u32 {
     let before = ends.fetch_add(1, Ordering::Relaxed);
     if before > i32::MAX as u32 {
         // Leaked ends only can reach this: a wrap of the counter would free memory in use.
-        std::process::abort();
+        luna_platform::panics::abort();
     }
     before + 1
 }

@@ -8,9 +8,9 @@ use crate::alternative::Entry;
 use crate::select_state::SelectState;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
+use core::ptr::NonNull;
 use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
-use std::ptr::NonNull;
 
 impl<T> Channel<T> {
     /// Sends to the alternative that is registered here, or lets the sender wait alone and reports

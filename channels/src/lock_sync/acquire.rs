@@ -5,11 +5,11 @@ use super::permit::SemaphorePermit;
 use super::semaphore::Semaphore;
 use super::take::Take;
 use crate::replay;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::timer_queue::Sleep;
 use pin_project_lite::pin_project;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 pin_project! {
     /// Taking permits of a semaphore: see [`Semaphore::acquire`].

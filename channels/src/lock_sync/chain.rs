@@ -5,8 +5,8 @@ use super::core::Core;
 use super::entry::Entry;
 use crate::wait_point::WaitQueues;
 use arrayvec::ArrayVec;
+use core::ptr::NonNull;
 use luna_core::current::{Inheritor, Priority};
-use std::ptr::NonNull;
 
 /// How many holders a chain is followed along.
 pub(super) const HOLDERS: usize = 8;

@@ -8,14 +8,14 @@ use crate::finally::Finally;
 use crate::guarded_wait_point::GuardedWaitPoint;
 use crate::inspect::WaitPointKind;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
+use core::fmt;
+use core::ptr::NonNull;
+use core::time::Duration;
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{self, User};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitNode;
 use luna_platform::clock::Instant;
-use std::fmt;
-use std::ptr::NonNull;
-use std::time::Duration;
 
 /// Holders of a [`Mutex`](super::Mutex) that cannot go on yet wait here, until another process has
 /// changed what the mutex guards, and notifies.
@@ -58,8 +58,8 @@ pub struct Condvar {
     shared: Shared<GuardedWaitPoint<()>>,
 }
 
-impl std::panic::UnwindSafe for Condvar {}
-impl std::panic::RefUnwindSafe for Condvar {}
+impl core::panic::UnwindSafe for Condvar {}
+impl core::panic::RefUnwindSafe for Condvar {}
 
 impl Condvar {
     /// A condition without waiters. Allocates; not for the real-time path.
@@ -197,7 +197,7 @@ impl Condvar {
         timeout: Duration,
     ) -> Result<(MutexGuard<'a, T>, WaitTimeoutResult), LockError<'a, T>> {
         use luna_core::park::{block_on, block_on_until};
-        let mut wait = std::pin::pin!(WaitOp::new(self, guard, true));
+        let mut wait = core::pin::pin!(WaitOp::new(self, guard, true));
         let guard = match block_on_until(wait.as_mut(), Instant::now() + timeout) {
             Some(locked) => locked?,
             None => {

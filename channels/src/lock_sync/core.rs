@@ -9,12 +9,12 @@ use crate::inspect::WaitPointKind;
 use crate::replay;
 use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
+use core::ptr::NonNull;
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::task::{Context, Poll};
 use luna_core::biased_lock::Refused;
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal, User, WakeHandle};
 use luna_core::deferred_free::Shared;
-use std::ptr::NonNull;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::{Context, Poll};
 
 /// The free permits, and the holder's inheritor.
 pub(super) struct State {

@@ -2,11 +2,11 @@
 
 use super::core::Core;
 use crate::waiter::{Link, Outcome, Waiter};
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 use luna_core::current::{Inheritor, Priority};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitNode;
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
 
 /// Why an entry that waited at a condition was moved to its mutex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,7 +125,7 @@ impl Entry {
         // process with which `begin` has listed the node.
         unsafe {
             let this = entry.as_ptr();
-            if std::mem::take(&mut (*this).is_listed) {
+            if core::mem::take(&mut (*this).is_listed) {
                 let listed = (&raw mut (*this).listed).cast::<Listed>();
                 let inheritor = &(*listed).inheritor;
                 inheritor.end_wait(NonNull::new_unchecked(listed).cast());

@@ -1,7 +1,7 @@
 //! One small error for each operation.
 
 use super::guard::{MutexGuard, OwnerDied};
-use std::fmt;
+use core::fmt;
 use thiserror::Error;
 
 pub(super) const DIED: &str = "a process ended while it held the mutex, and the guarded value may be incomplete: recover the guard from the error";

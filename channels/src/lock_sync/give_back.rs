@@ -6,10 +6,10 @@ use super::entry::Entry;
 use crate::finally::Finally;
 use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
+use core::ptr::NonNull;
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{self, PendingWake, Process};
 use luna_core::wait_list::WaitNode;
-use std::ptr::NonNull;
 
 /// Work that is due after an entry became the holder, or waits to.
 #[must_use = "the process stays asleep, and the chain as it was"]

@@ -2,15 +2,15 @@
 
 use super::error::DIED;
 use super::mutex::Mutex;
+use core::fmt;
+use core::mem::ManuallyDrop;
+use core::ops::{Deref, DerefMut};
 use luna_core::current;
-use std::fmt;
-use std::mem::ManuallyDrop;
-use std::ops::{Deref, DerefMut};
 use thiserror::Error;
 
 /// Whether this runs during the end of a process or branch that is cancelled, has failed or panics.
 fn is_dying() -> bool {
-    current::is_abandoned() || std::thread::panicking()
+    current::is_abandoned() || luna_platform::panics::is_panicking()
 }
 
 /// Holds a [`Mutex`], and leads to its value. Dropping it unlocks.

@@ -5,12 +5,12 @@ use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use super::take::Take;
 use crate::replay;
+use core::fmt;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::timer_queue::Sleep;
 use pin_project_lite::pin_project;
-use std::fmt;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 pin_project! {
     /// Locking a mutex: see [`Mutex::lock`].

@@ -6,14 +6,14 @@ use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
 use super::take::Take;
 use crate::inspect::WaitPointKind;
+use core::fmt;
+use core::mem::ManuallyDrop;
+use core::time::Duration;
 use luna_core::deferred_free::Shared;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
-use std::fmt;
-use std::mem::ManuallyDrop;
-use std::time::Duration;
 
 /// A value for use by one process or thread at a time: a process of an executor, an OS-thread
 /// process, a task of another runtime, or a plain thread.
@@ -71,8 +71,8 @@ unsafe impl<T: Send> Send for Value<T> {}
 // SAFETY: only the holder of the mutex accesses the value, one at a time; the count is an atomic.
 unsafe impl<T: Send> Sync for Value<T> {}
 // What a panic leaves half done is marked.
-impl<T> std::panic::UnwindSafe for Mutex<T> {}
-impl<T> std::panic::RefUnwindSafe for Mutex<T> {}
+impl<T> core::panic::UnwindSafe for Mutex<T> {}
+impl<T> core::panic::RefUnwindSafe for Mutex<T> {}
 
 impl<T: Send> Mutex<T> {
     /// An unlocked mutex around `value`. Allocates; not for the real-time path.

@@ -1,7 +1,7 @@
 //! Permits that were taken.
 
 use super::semaphore::Semaphore;
-use std::mem::ManuallyDrop;
+use core::mem::ManuallyDrop;
 
 /// Permits of a [`Semaphore`], which are given back when this is dropped: O(waiters served by
 /// them), for the real-time path.

@@ -7,12 +7,12 @@ use super::permit::SemaphorePermit;
 use super::take::Take;
 use crate::inspect::WaitPointKind;
 use crate::replay;
+use core::fmt;
+use core::time::Duration;
 use luna_core::current;
 use luna_core::deferred_free::Shared;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
-use std::fmt;
-use std::time::Duration;
 
 /// A number of permits, to limit how many processes do something at a time. For processes of all
 /// kinds and plain threads.
@@ -42,8 +42,8 @@ pub struct Semaphore {
     core: Shared<Core>,
 }
 
-impl std::panic::UnwindSafe for Semaphore {}
-impl std::panic::RefUnwindSafe for Semaphore {}
+impl core::panic::UnwindSafe for Semaphore {}
+impl core::panic::RefUnwindSafe for Semaphore {}
 
 impl Semaphore {
     /// A semaphore with `permits`. Allocates; not for the real-time path.

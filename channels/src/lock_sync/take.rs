@@ -7,17 +7,17 @@ use super::error::{AcquireError, AcquireTimeoutError};
 use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::Outcome;
+use core::cell::UnsafeCell;
+use core::fmt;
+use core::future::Future;
+use core::marker::PhantomPinned;
+use core::mem::ManuallyDrop;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal};
 use luna_core::deferred_free::Shared;
 use luna_core::replay_log::{Event, Turn};
-use std::cell::UnsafeCell;
-use std::fmt;
-use std::future::Future;
-use std::marker::PhantomPinned;
-use std::mem::ManuallyDrop;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Phase {
@@ -193,9 +193,12 @@ impl<'a> Take<'a> {
     /// Blocks this thread for at most `timeout`.
     #[cfg(not(loom))]
     #[track_caller]
-    pub(super) fn block_for(self, timeout: std::time::Duration) -> Result<(), AcquireTimeoutError> {
+    pub(super) fn block_for(
+        self,
+        timeout: core::time::Duration,
+    ) -> Result<(), AcquireTimeoutError> {
         let deadline = luna_platform::clock::Instant::now() + timeout;
-        let mut take = std::pin::pin!(self);
+        let mut take = core::pin::pin!(self);
         match luna_core::park::block_on_until(take.as_mut(), deadline) {
             Some(taken) => taken.map_err(AcquireTimeoutError::from),
             None => take.give_up(),

@@ -10,16 +10,16 @@ use crate::finally::Finally;
 use crate::in_place::InPlace;
 use crate::replay::{self, Logged, Stage};
 use crate::wait_point::WaitQueues;
+use core::fmt;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::current::{self, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use pin_project_lite::pin_project;
-use std::fmt;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 /// Waiting at a condition: see [`Condvar::wait`].
 ///

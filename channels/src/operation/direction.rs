@@ -6,9 +6,9 @@ use crate::error::Ended;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::Outcome;
-use std::ops::DerefMut;
-use std::ptr::NonNull;
-use std::task::Context;
+use core::ops::DerefMut;
+use core::ptr::NonNull;
+use core::task::Context;
 
 /// The direction of an [`Operation`]: [`Sending`](super::Sending) a value of some source, or
 /// [`Receiving`](super::Receiving) one in some mode. Sealed: its module is private.

@@ -7,11 +7,11 @@ use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
+use core::hint::cold_path;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::wait_list::WaitNode;
-use std::hint::cold_path;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
 unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {

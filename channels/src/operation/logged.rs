@@ -4,10 +4,10 @@ use super::{Direction, Operation, Phase};
 use crate::error::Ended;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::replay_log::{Event, Turn};
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 /// The event of a failure.
 fn failed(failure: &impl Ended) -> Event {

@@ -25,15 +25,15 @@ use crate::end::End;
 use crate::in_place::InPlace;
 use crate::replay;
 use crate::waiter::{Outcome, Waiter};
+use core::cell::UnsafeCell;
+use core::fmt;
+use core::future::Future;
+use core::hint::cold_path;
+use core::marker::PhantomPinned;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current::{PlainTurn, WakeHandle};
-use std::cell::UnsafeCell;
-use std::fmt;
-use std::future::Future;
-use std::hint::cold_path;
-use std::marker::PhantomPinned;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 /// What an operation's future knows of it. Its partners know the [outcome](Outcome).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

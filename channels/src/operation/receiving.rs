@@ -8,10 +8,10 @@ use crate::extended::{Mode, Noted, Releasing};
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
-use std::mem::{ManuallyDrop, needs_drop, take};
-use std::ops::DerefMut;
-use std::ptr::NonNull;
-use std::task::Context;
+use core::mem::{ManuallyDrop, needs_drop, take};
+use core::ops::DerefMut;
+use core::ptr::NonNull;
+use core::task::Context;
 
 /// A receive under way: see [`Receiver::recv`](crate::Receiver::recv). `M` determines whether the
 /// sender is held.

@@ -9,12 +9,12 @@ use crate::select_state::SelectState;
 use crate::source::{InNode, Source};
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
-use std::cell::UnsafeCell;
-use std::mem::MaybeUninit;
-use std::ops::DerefMut;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::Context;
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use core::ops::DerefMut;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::Context;
 
 /// A send under way: see [`Sender::send`](crate::Sender::send). `S` is the source of its value.
 pub type SendOp<'a, T, S = InNode> = Operation<'a, T, Sending<S>>;

@@ -6,11 +6,11 @@ use crate::core::{Attempted, Ending, HandOff, Locked};
 use crate::in_place::InPlace;
 use crate::replay;
 use crate::waiter::Outcome;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::current::{self, WakeHandle};
 use luna_core::spin;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 /// The result of polling an operation.
 type Polled<O> = Poll<<O as Future>::Output>;

@@ -4,11 +4,11 @@ use super::{Direction, Operation, Receiving, Sending};
 use crate::extended::Releasing;
 use crate::replay;
 use crate::source::InNode;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 use luna_core::timer_queue::Sleep;
 use pin_project_lite::pin_project;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 /// A send under way that gives up when `S` has ended, which is a deadline or anything else: see
 /// [`Sender::send_timeout`](crate::Sender::send_timeout) and

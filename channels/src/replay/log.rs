@@ -3,10 +3,10 @@
 
 use super::order::{OUTSIDE_PARTNER, Stamped};
 use crate::wait_point::WaitQueues;
+use core::task::{Context, Poll};
 use luna_core::current;
 use luna_core::replay_log::{Event, OUTSIDER, ReplayLog, Turn, What};
 use luna_platform::clock::Instant;
-use std::task::{Context, Poll};
 
 /// How an operation failed, as a number.
 pub(crate) mod failure {

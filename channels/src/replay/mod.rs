@@ -21,13 +21,13 @@ pub(crate) use log::{
 };
 pub(crate) use order::{LogState, Order, Stamped};
 
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll, ready};
 use log::{enter, is_held, leave};
 use luna_core::current;
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll, ready};
 
 /// Where an operation is, as far as a replay log needs it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

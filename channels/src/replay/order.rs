@@ -5,9 +5,10 @@
 
 use crate::core::Channel;
 use crate::wait_point::WaitQueues;
+use alloc::boxed::Box;
+use alloc::collections::VecDeque;
 use luna_core::current;
 use luna_core::replay_log::OUTSIDER;
-use std::collections::VecDeque;
 
 /// Kinds of operations with a stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,14 +60,14 @@ impl WaitQueues {
         let is_first = !self.log_state.is_used();
         let branch_log = current::replay_log(|log| log.branch_log()).unwrap_or_default();
         let last = &mut self.log_state.branch_logs[usize::from(is_sender)];
-        let last = std::mem::replace(last, branch_log);
+        let last = core::mem::replace(last, branch_log);
         self.order.is_ordered |= last != 0 && last != branch_log;
         if is_first {
             // All recorded operations are noted, so a waiter is not a recorded one.
             self.order.has_outsider = !(self.senders.is_empty() && self.receivers.is_empty());
             self.find_whether_plain();
         }
-        if std::mem::take(&mut self.order.has_outsider) {
+        if core::mem::take(&mut self.order.has_outsider) {
             current::replay_log(|log| log.outside(OUTSIDE_PARTNER));
         }
     }
@@ -149,7 +150,7 @@ impl WaitQueues {
         capacity: usize,
         stamp: u64,
         keeps_newest: bool,
-    ) -> std::ops::Range<usize> {
+    ) -> core::ops::Range<usize> {
         let stamps = self.stamps_of(stored);
         let come = stamps.iter().take_while(|&&come| come <= stamp).count();
         let first = if keeps_newest { 0 } else { capacity - 1 };

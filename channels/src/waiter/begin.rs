@@ -2,11 +2,11 @@
 
 use super::{Begun, Link, Make, Outcome, Seldom, Waiter};
 use crate::select_state::SelectState;
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 use luna_core::current::{self, PlainTurn, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::atomic::AtomicU8;
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
 
 impl<T> Waiter<T> {
     /// Prepares a node for being listed.

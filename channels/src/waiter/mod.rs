@@ -5,11 +5,11 @@ mod settle;
 
 use crate::select_state::SelectState;
 use crate::wait_point::{Ending, Mover};
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
 
 /// Outcome of a waiting operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,8 +134,8 @@ impl<T> Seldom<T> {
     };
 }
 
-impl<T> std::fmt::Debug for Waiter<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl<T> core::fmt::Debug for Waiter<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("Waiter")
     }
 }
@@ -458,7 +458,7 @@ impl Waiter<()> {
 #[cfg(all(test, not(loom), target_pointer_width = "64"))]
 mod tests {
     use super::*;
-    use std::mem::offset_of;
+    use core::mem::offset_of;
 
     /// Bounds the size of a node: a ring of many processes is bound by memory accesses, and each
     /// hop would fetch what is added before the value.

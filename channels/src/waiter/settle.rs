@@ -3,10 +3,10 @@
 
 use super::{Begun, Outcome, Waiter};
 use crate::select_state::SelectState;
+use core::ptr::NonNull;
 use luna_core::current::{PendingWake, PlainPendingWake, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::atomic::Ordering;
-use std::ptr::NonNull;
 
 /// Claims the select state of a node, and gives the node the wake handle.
 ///

@@ -177,6 +177,7 @@ fn many_values_come_back_at_once() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn in_another_thread() {
     let ledger = Ledger::new(3);
     let (sender, receiver) = channel();
@@ -203,6 +204,7 @@ fn in_another_thread() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn a_drop_that_races_with_the_partner_neither_loses_nor_doubles_the_value() {
     // Two threads at once: one drops a waiting operation, the other is its partner.
     for n in 0..2000_usize {

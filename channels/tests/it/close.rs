@@ -213,6 +213,7 @@ fn a_value_may_hold_an_end_of_its_own_channel() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn threads_that_wait_are_released() {
     let _watchdog = Watchdog::new();
     for _ in 0..200 {
@@ -236,6 +237,7 @@ fn threads_that_wait_are_released() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn both_ends_may_go_at_the_same_time() {
     let ledger = Ledger::new(600);
     for n in 0..300 {

@@ -119,6 +119,7 @@ fn whichever_polls_last_is_woken() {
 
 /// Ends and waits for it race: none is missed.
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn ends_from_other_threads() {
     for round in 0..500 {
         let (sender, receiver) = channel::<u32>();

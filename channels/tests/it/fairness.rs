@@ -84,6 +84,7 @@ fn what_was_chosen_while_it_waited_counts_too() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn ends_keep_their_turn_as_they_move_between_threads() {
     let (senders, from) = full();
     let mut ends = (senders, from);
@@ -101,6 +102,7 @@ fn ends_keep_their_turn_as_they_move_between_threads() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn no_open_end_that_is_ready_is_passed_over_by_another_twice() {
     // In any thread, and whatever preconditions say: an alternative that passes it over bears the
     // greater stamp from then on.
@@ -222,6 +224,7 @@ fn clones_of_an_end_have_turns_of_their_own() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn under_load_from_threads_every_sender_is_served() {
     let _watchdog = Watchdog::new();
     let [(s0, r0), (s1, r1), (s2, r2)] = [channel(), channel(), channel()];

@@ -253,6 +253,7 @@ fn broken() -> u8 {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "a panic ends the program")]
 fn a_maker_panics_on_its_own_side() {
     let _watchdog = Watchdog::new();
     for in_alternative in [false, true] {
@@ -281,6 +282,7 @@ fn a_maker_panics_on_its_own_side() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "a panic ends the program")]
 fn a_maker_panics_on_its_partners_side() {
     let _watchdog = Watchdog::new();
     for in_alternative in [false, true] {
@@ -329,6 +331,7 @@ fn a_maker_panics_on_its_partners_side() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "a panic ends the program")]
 fn a_maker_panics_as_it_is_moved_up_into_a_buffer() {
     let _watchdog = Watchdog::new();
     let (sender, receiver) = buffered::<u8>(Buffer::fifo(1));
@@ -372,6 +375,7 @@ fn guards_of_buffered_channels_and_the_value_that_is_overwritten() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn across_threads_each_offer_is_taken_once_or_still_there() {
     let _watchdog = Watchdog::new();
     // Two receivers compete for an offer of two values out of slots: one gets one, and the other

@@ -216,6 +216,7 @@ fn a_failed_sibling_branch_does_not_take_back_what_was_communicated() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn poison_races_with_many_that_communicate() {
     let _watchdog = Watchdog::new();
     let values = 40;
@@ -287,6 +288,7 @@ fn ends_that_go_with_a_culprit_poison_also_if_others_are_left() {
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn one_that_waits_is_told_that_the_other_end_went_with_a_culprit() {
     let _watchdog = Watchdog::new();
     let (sender, receiver) = channel::<u32>();

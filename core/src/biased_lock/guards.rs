@@ -1,11 +1,11 @@
 //! The guards of a biased lock.
 
 use super::{BiasedLock, Uses};
+use core::marker::PhantomData;
+use core::ops::{Deref, DerefMut};
 use luna_platform::fence;
 use luna_platform::lock::PiGuard;
 use luna_platform::sync::atomic::Ordering;
-use std::marker::PhantomData;
-use std::ops::{Deref, DerefMut};
 
 /// Unlocks when dropped. Not `Send`: it stays on the thread that locked.
 #[derive(Debug)]
@@ -68,14 +68,14 @@ impl<T> InsideGuard<'_, T> {
         self.lock.inside.leave();
         fence::light();
         let is_biased = self.lock.bias.load(Ordering::Relaxed) == self.executor;
-        std::mem::forget(self);
+        core::mem::forget(self);
         is_biased
     }
 
     /// Leaves the lock locked: [`BiasedLock::kept`] returns the guard again.
     #[inline(always)]
     pub fn keep(self) {
-        std::mem::forget(self);
+        core::mem::forget(self);
     }
 }
 

@@ -1,8 +1,8 @@
 //! The branch of the current process that is being polled.
 
 use super::{LEVELS, QueueEnd, THREAD, local, ready_again};
+use core::task::Context;
 use luna_platform::on_drop::OnDrop;
-use std::task::Context;
 
 /// The branch of the current process that is being polled. The highest bit of the low byte says
 /// that a sibling has failed; the lowest six bits are the number of levels below its process; the

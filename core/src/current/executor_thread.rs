@@ -2,12 +2,12 @@
 
 use crate::path::{self, Call};
 use crate::wait_list::WaitList;
+use alloc::sync::Arc;
+#[cfg(not(loom))]
+use core::cell::OnceCell;
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use luna_platform::boost::{self, Scheduling};
 use luna_platform::lock::PiLock;
-#[cfg(not(loom))]
-use std::cell::OnceCell;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 /// The highest priority of the real-time policies.
 const HIGHEST: u8 = 99;
@@ -217,7 +217,7 @@ impl ExecutorThread {
 }
 
 #[cfg(not(loom))]
-thread_local! {
+luna_platform::local! {
     static PLAIN: OnceCell<PlainThread> = const { OnceCell::new() };
 }
 
@@ -258,7 +258,7 @@ pub(super) fn known_plain() -> Option<Arc<ExecutorThread>> {
 }
 
 /// The boosts that the system has refused.
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RefusedBoosts {
@@ -275,7 +275,7 @@ pub struct RefusedBoosts {
 /// // No boost was refused, since no process has inherited.
 /// assert_eq!(luna_core::current::refused_boosts(), None);
 /// ```
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub fn refused_boosts() -> Option<RefusedBoosts> {
     let count = REFUSED.load(Ordering::Relaxed);
     (count > 0).then(|| {
@@ -298,8 +298,8 @@ mod tests {
 
     #[test]
     fn a_deadline_thread_keeps_its_policy_whatever_its_boost() {
+        use core::time::Duration;
         use luna_platform::thread::{Attributes, spawn};
-        use std::time::Duration;
         let policy = Policy::deadline(
             Duration::from_millis(1),
             Duration::from_millis(10),
@@ -308,7 +308,7 @@ mod tests {
         let attributes = Attributes::new("deadline").policy(policy);
         let thread = spawn(
             attributes,
-            |_| Ok::<_, std::convert::Infallible>(()),
+            |_| Ok::<_, core::convert::Infallible>(()),
             |()| {
                 let own = current_policy();
                 let thread = ExecutorThread::new();
@@ -335,9 +335,9 @@ mod tests {
     #[test]
     fn a_deadline_thread_lends_what_leaves_an_emergency_above_it() {
         let deadline = Policy::deadline(
-            std::time::Duration::from_millis(1),
-            std::time::Duration::from_millis(2),
-            std::time::Duration::from_millis(3),
+            core::time::Duration::from_millis(1),
+            core::time::Duration::from_millis(2),
+            core::time::Duration::from_millis(3),
         );
         assert_eq!(
             [0, 80, 99, deadline.rank()].map(boost_from),

@@ -11,10 +11,10 @@ use super::{
     EXECUTOR_THREAD, ExecutorId, RunQueue, THREAD, entered, executor_id, set_timers, take_timers,
 };
 use crate::timer_queue::TimerQueue;
+use core::fmt;
+use core::marker::PhantomData;
 use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
-use std::fmt;
-use std::marker::PhantomData;
 
 /// An executor that shares its thread with others. It is the thread's executor between
 /// [`enter`](Self::enter) and [`leave`](Self::leave); its processes may not block.
@@ -41,7 +41,7 @@ pub struct Guest {
     /// turn counts no references.
     timers: Option<Arc<TimerQueue>>,
     queue: RunQueue,
-    thread: Option<std::sync::Arc<ExecutorThread>>,
+    thread: Option<alloc::sync::Arc<ExecutorThread>>,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
     use crate::biased_lock::BiasedLock;
     use crate::current::{LEVELS, Lone, ProcessId, enter_executor, with_process};
-    use std::task::Waker;
+    use core::task::Waker;
 
     fn guest() -> Guest {
         Guest::new(ExecutorId::new(), Arc::new(TimerQueue::new()))

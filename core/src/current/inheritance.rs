@@ -4,9 +4,10 @@ use super::executor_thread::ExecutorThread;
 use super::inheritor::Boost;
 use super::process::LEVELS;
 use crate::wait_list::WaitList;
-use std::cell::UnsafeCell;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 pub(super) const LEVEL: u8 = LEVELS - 1;
 

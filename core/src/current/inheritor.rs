@@ -19,10 +19,10 @@ use super::process::{Priority, Process, QueueEnd};
 use super::wake_handle::Reference;
 use super::{executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
-use std::cmp::Ordering;
-use std::fmt;
-use std::ptr::NonNull;
-use std::sync::Arc;
+use alloc::sync::Arc;
+use core::cmp::Ordering;
+use core::fmt;
+use core::ptr::NonNull;
 
 /// The boost of an inheritor; a greater one raises it further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -88,7 +88,7 @@ impl Inheritor {
     /// Whether both are the same process, or the same thread.
     pub fn is_same(&self, other: &Inheritor) -> bool {
         match (&self.to, &other.to) {
-            (To::Process(own), To::Process(other)) => std::ptr::eq(own.process(), other.process()),
+            (To::Process(own), To::Process(other)) => core::ptr::eq(own.process(), other.process()),
             (To::Thread(own), To::Thread(other)) => Arc::ptr_eq(own, other),
             _ => false,
         }
@@ -99,7 +99,7 @@ impl Inheritor {
     pub fn is_current(&self) -> bool {
         match &self.to {
             To::Process(reference) => process(|process| {
-                process.is_some_and(|process| std::ptr::eq(process, reference.process()))
+                process.is_some_and(|process| core::ptr::eq(process, reference.process()))
             }),
             To::Thread(_) => false,
         }
@@ -223,7 +223,7 @@ impl Inheritor {
 
     #[cold]
     fn change(&mut self, to: Boost) {
-        let before = std::mem::replace(&mut self.boost, Boost::Nothing);
+        let before = core::mem::replace(&mut self.boost, Boost::Nothing);
         let Some(thread) = self.thread() else {
             return;
         };
@@ -364,7 +364,7 @@ mod tests {
     use super::super::{ExecutorId, Lone, ProcessId, enter_executor, priority, with_process};
     use super::*;
     use crate::timer_queue::TimerQueue;
-    use std::task::Waker;
+    use core::task::Waker;
 
     /// Calls `f` within a process of this level.
     fn within(level: u8, f: impl FnOnce()) {
@@ -474,7 +474,7 @@ mod tests {
     fn waits_are_found_one_by_one_also_from_elsewhere() {
         within(5, || {
             let inheritor = Inheritor::current().unwrap();
-            let mut nodes: [WaitNode; 3] = std::array::from_fn(|_| WaitNode::new());
+            let mut nodes: [WaitNode; 3] = core::array::from_fn(|_| WaitNode::new());
             let nodes = nodes.each_mut().map(NonNull::from);
             // SAFETY: the nodes are in this list alone, and are removed below.
             unsafe {

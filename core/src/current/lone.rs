@@ -2,11 +2,12 @@
 
 use super::process::{Methods, Process, ProcessId};
 use crate::deferred_free::{self, Retired};
-use std::fmt;
-use std::mem::offset_of;
-use std::ops::{Deref, Range};
-use std::ptr::NonNull;
-use std::task::Waker;
+use alloc::boxed::Box;
+use core::fmt;
+use core::mem::offset_of;
+use core::ops::{Deref, Range};
+use core::ptr::NonNull;
+use core::task::Waker;
 
 /// A process that is alone on its thread, and is woken by its waker. Its memory stays while there
 /// are references to it.

@@ -27,7 +27,7 @@ pub use branch::{
     branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch_below,
 };
 pub use branches::Branches;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub use executor_thread::{RefusedBoosts, refused_boosts};
 pub use guest::Guest;
 pub use inheritor::Inheritor;
@@ -56,19 +56,19 @@ use crate::model_local::model_local;
 use crate::path;
 use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
+use alloc::sync::Arc as StdArc;
 use branch::{Branch, lowered};
+use core::cell::{Cell, RefCell};
+use core::marker::PhantomData;
+#[cfg(not(loom))]
+use core::mem::ManuallyDrop;
+use core::ptr::NonNull;
+use core::task::Waker;
 use executor_thread::ExecutorThread;
 use luna_platform::inside::Inside;
 use luna_platform::on_drop::OnDrop;
 use luna_platform::sync::Arc;
 use run_queue::RunQueue;
-use std::cell::{Cell, RefCell};
-use std::marker::PhantomData;
-#[cfg(not(loom))]
-use std::mem::ManuallyDrop;
-use std::ptr::NonNull;
-use std::sync::Arc as StdArc;
-use std::task::Waker;
 
 /// The state of a thread that runs processes.
 ///
@@ -97,7 +97,7 @@ model_local! {
     static THREAD: Thread = const {
         Thread {
             process: Cell::new(None),
-            plain: Cell::new(std::ptr::null()),
+            plain: Cell::new(core::ptr::null()),
             executor_id: Cell::new(None),
             queue: RunQueue::new(),
             operations_left: Cell::new(0),
@@ -186,7 +186,7 @@ pub struct ExecutorGuard {
 #[inline(always)]
 fn local<'a>() -> &'a Thread {
     // SAFETY: the state has no destructor, so it is there as long as the thread runs.
-    THREAD.with(|thread| unsafe { &*std::ptr::from_ref(thread) })
+    THREAD.with(|thread| unsafe { &*core::ptr::from_ref(thread) })
 }
 
 impl Thread {
@@ -207,7 +207,7 @@ impl Thread {
         let process = self.process.get().filter(|_| branch.is_plain());
         // SAFETY: the pointer is that of a process which is being polled, so it is live.
         let waker = process.and_then(|process| unsafe { process.as_ref() }.waker_of_plain_turns());
-        self.plain.set(waker.unwrap_or(std::ptr::null()));
+        self.plain.set(waker.unwrap_or(core::ptr::null()));
         before
     }
 }
@@ -235,6 +235,7 @@ impl Drop for ExecutorGuard {
 #[cfg(not(loom))]
 mod entered {
     use super::ExecutorId;
+    use alloc::vec::Vec;
     use luna_platform::lock::PiLock;
 
     static ENTERED: PiLock<Vec<ExecutorId>> = PiLock::new(Vec::new());
@@ -357,7 +358,7 @@ pub fn ask_look() {
 /// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is
 /// any deadline.
 #[cfg(not(loom))]
-pub(crate) fn has_no_deadline_within(time: std::time::Duration) -> bool {
+pub(crate) fn has_no_deadline_within(time: core::time::Duration) -> bool {
     let next = TIMERS.with(|slot| slot.borrow().as_ref().map(|timers| timers.next_deadline()));
     let next = next.unwrap_or(luna_platform::clock::Instant::NEVER);
     next == luna_platform::clock::Instant::NEVER
@@ -397,8 +398,13 @@ pub fn is_abandoned() -> bool {
 
 /// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules
 /// them.
+/// An interrupt always is, so that it defers what it frees.
 #[inline]
 pub fn on_path() -> bool {
+    #[cfg(not(feature = "std"))]
+    if luna_platform::bare::is_interrupt() {
+        return true;
+    }
     // An allocator calls this too, also while the thread's locals are being torn down.
     THREAD
         .try_with(|thread| thread.on_path.get())

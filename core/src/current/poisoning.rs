@@ -1,9 +1,9 @@
 //! Dropping the values of a process that was ended because of a failure.
 
+use core::cell::Cell;
 use luna_platform::on_drop::OnDrop;
-use std::cell::Cell;
 
-thread_local! {
+luna_platform::local! {
     static POISONS: Cell<bool> = const { Cell::new(false) };
 }
 

@@ -3,8 +3,8 @@
 use super::branch::lowered;
 use super::run_queue::RunQueue;
 use super::{QueueEnd, THREAD, is_replayed, local, plain_turn, process};
-use std::ptr::NonNull;
-use std::task::Context;
+use core::ptr::NonNull;
+use core::task::Context;
 
 #[inline]
 pub(super) fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {

@@ -7,8 +7,8 @@
 //! (J. Choi, T. Shull, J. Torrellas, PACT 2018), simplified by two facts: references begin on the
 //! executor's thread, or as copies of others; and the executor knows when its process has ended.
 
+use core::cell::Cell;
 use luna_platform::sync::atomic::{AtomicI64, Ordering};
-use std::cell::Cell;
 
 /// Added when the process has ended: the count alone cannot reach it before.
 const ENDED: i64 = 1 << 40;

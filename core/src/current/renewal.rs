@@ -2,7 +2,7 @@
 //! head of [`wake_handle`](super::wake_handle).
 
 use super::WakeHandle;
-use std::task::Context;
+use core::task::Context;
 
 /// A wake handle on its way into the node of a waiting operation. It is made without the lock that
 /// guards the node. A handle that is left over is dropped with this: declare it first, so that the

@@ -3,8 +3,8 @@
 use super::THREAD;
 use super::branch::Branch;
 use crate::replay_log::ReplayLog;
+use core::ptr::NonNull;
 use luna_platform::on_drop::OnDrop;
-use std::ptr::NonNull;
 
 /// Polls the current process as one with the replay log `log`: it has no [plain
 /// turns](super::plain_turn), and all its operations find the log.
@@ -13,7 +13,7 @@ pub fn with_replay_log<R>(log: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
     let log: *const (dyn ReplayLog + '_) = log;
     // SAFETY: the same pointer; it is removed before its borrow ends, and `replay_log` passes it on
     // for no longer than a call.
-    let log: *mut (dyn ReplayLog + 'static) = unsafe { std::mem::transmute(log) };
+    let log: *mut (dyn ReplayLog + 'static) = unsafe { core::mem::transmute(log) };
     let before = THREAD.with(|thread| {
         let branch = Branch(thread.branch.get().0 | Branch::HAS_LOG);
         let branch = thread.exchange_branch(branch);

@@ -5,8 +5,9 @@
 //! a few stores, without an opaque call.
 
 use super::LEVELS;
-use std::cell::Cell;
-use std::ptr::NonNull;
+use alloc::boxed::Box;
+use core::cell::Cell;
+use core::ptr::NonNull;
 
 /// The links to the neighbours in a run queue, inside the process, so that queueing allocates
 /// nothing. It is in at most one queue at a time, and touched by its executor's thread alone.
@@ -321,7 +322,7 @@ impl RunQueue {
         // SAFETY: the caller promises that a level is not empty; by the invariant that level has a
         // tail, and its links are live.
         unsafe {
-            std::hint::assert_unchecked(bits != 0);
+            core::hint::assert_unchecked(bits != 0);
             let level = bits.ilog2() as u8;
             let last = self.tail(level).get().unwrap_unchecked();
             let first = last.as_ref().next.get().unwrap_unchecked();
@@ -350,7 +351,7 @@ mod tests {
             unsafe { queue.push_back(level, NonNull::from(&links[index])) };
         }
         assert_eq!(queue.bits(), 1 << 31 | 1 << 5 | 1);
-        let order: Vec<usize> = std::iter::from_fn(|| queue.pop())
+        let order: Vec<usize> = core::iter::from_fn(|| queue.pop())
             .map(|node| {
                 links
                     .iter()
@@ -373,7 +374,7 @@ mod tests {
         let bits = other.bits();
         queue.take_over(&other);
         assert_eq!((other.bits(), queue.bits()), (0, bits));
-        let order: Vec<NonNull<Link>> = std::iter::from_fn(|| queue.pop()).collect();
+        let order: Vec<NonNull<Link>> = core::iter::from_fn(|| queue.pop()).collect();
         assert_eq!(
             order,
             [4, 1, 3, 0, 2].map(|index| NonNull::from(&links[index]))
@@ -392,7 +393,7 @@ mod tests {
             queue.push_front(3, NonNull::from(&links[1]));
             queue.push_back(4, NonNull::from(&links[2]));
         }
-        let order: Vec<NonNull<Link>> = std::iter::from_fn(|| queue.pop()).collect();
+        let order: Vec<NonNull<Link>> = core::iter::from_fn(|| queue.pop()).collect();
         assert_eq!(order, [2, 1, 0].map(|index| NonNull::from(&links[index])));
     }
 
@@ -414,7 +415,7 @@ mod tests {
                 // And comes again, as the last.
                 queue.push_back(3, NonNull::from(&links[gone]));
             }
-            let order: Vec<NonNull<Link>> = std::iter::from_fn(|| queue.pop()).collect();
+            let order: Vec<NonNull<Link>> = core::iter::from_fn(|| queue.pop()).collect();
             let mut expected: Vec<usize> =
                 [3, 2, 0, 1].into_iter().filter(|&n| n != gone).collect();
             expected.push(gone);

@@ -5,10 +5,10 @@ use super::{
     ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
     local,
 };
+use core::fmt;
+use core::ptr::NonNull;
+use core::task::Context;
 use luna_platform::on_drop::OnDrop;
-use std::fmt;
-use std::ptr::NonNull;
-use std::task::Context;
 
 /// Runs `poll` with `process` as the current one.
 ///
@@ -60,7 +60,7 @@ pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
 #[inline]
 pub unsafe fn end_turns() -> Option<ProcessId> {
     let thread = local();
-    thread.plain.set(std::ptr::null());
+    thread.plain.set(core::ptr::null());
     let last = thread.process.take()?;
     // SAFETY: `give_turn` requires that the process lives until it is taken here.
     Some(unsafe { last.as_ref() }.id())
@@ -114,7 +114,7 @@ impl<'a> PlainTurn<'a> {
     #[inline(always)]
     pub fn of(cx: &Context<'a>) -> Option<PlainTurn<'a>> {
         let thread = local();
-        std::ptr::eq(thread.plain.get(), cx.waker()).then_some(PlainTurn(thread))
+        core::ptr::eq(thread.plain.get(), cx.waker()).then_some(PlainTurn(thread))
     }
 
     /// The current process.

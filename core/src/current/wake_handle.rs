@@ -32,11 +32,11 @@
 use super::process::{Process, QueueEnd};
 use super::{LEVELS, PlainTurn, executor_id, lowered, process};
 use crate::{fetch, park};
-use std::fmt;
-use std::mem::{self, ManuallyDrop};
-use std::num::NonZeroUsize;
-use std::ptr::{self, NonNull};
-use std::task::{Context, Waker};
+use core::fmt;
+use core::mem::{self, ManuallyDrop};
+use core::num::NonZeroUsize;
+use core::ptr::{self, NonNull};
+use core::task::{Context, Waker};
 
 /// The cache lines of a process' memory to prefetch, as offsets in bytes: those behind the fields
 /// of a wake.
@@ -170,7 +170,7 @@ impl Drop for Foreign {
 
 /// Runs user code. A panic in it is propagated, unless one unwinds already.
 fn run_user_code(code: impl FnOnce()) {
-    match std::thread::panicking() {
+    match luna_platform::panics::is_panicking() {
         true => contain(code),
         false => code(),
     }
@@ -260,7 +260,7 @@ impl WakeHandle {
                 Some(WakeHandle(Inner::Process(reference))) => {
                     PlainPendingWake(ptr::read(reference))
                 }
-                _ => std::hint::unreachable_unchecked(),
+                _ => core::hint::unreachable_unchecked(),
             }
         }
     }
@@ -395,7 +395,7 @@ impl PlainPendingWake {
         unsafe { process.ready_here(0, QueueEnd::Back) };
         if process.references.try_remove_here() {
             // Counted off here; the drop must not count again.
-            std::mem::forget(self);
+            core::mem::forget(self);
         }
     }
 }

@@ -1,12 +1,13 @@
 //! Shared ownership with a deferred end on the real-time path.
 
 use super::{Retired, retire};
+use alloc::boxed::Box;
+use core::fmt;
+use core::marker::PhantomData;
+use core::mem::ManuallyDrop;
+use core::ops::Deref;
+use core::ptr::NonNull;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
-use std::fmt;
-use std::marker::PhantomData;
-use std::mem::ManuallyDrop;
-use std::ops::Deref;
-use std::ptr::NonNull;
 
 /// A value with several owners, as [`Arc`](std::sync::Arc): but if the last owner is dropped on the
 /// real-time path, the value is dropped and freed by the next call of [`collect`](super::collect),
@@ -143,7 +144,7 @@ impl<T> Clone for Shared<T> {
         // Relaxed: the cloned owner keeps the value alive.
         if self.inner().owners.fetch_add(1, Ordering::Relaxed) > isize::MAX as usize {
             // So many owners were leaked: if the count wrapped, a value with owners would be freed.
-            std::process::abort();
+            luna_platform::panics::abort();
         }
         Self {
             inner: self.inner,
@@ -183,7 +184,7 @@ impl<T: fmt::Debug> fmt::Debug for Shared<T> {
 mod tests {
     use super::*;
     use crate::current::set_on_path;
-    use std::sync::Arc;
+    use alloc::sync::Arc;
 
     #[test]
     fn the_last_owner_ends_it_at_once_off_the_path() {

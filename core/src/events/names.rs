@@ -4,10 +4,10 @@ use super::on::place;
 use super::ring::{Reader, Writer, ring_of};
 use super::{Kind, is_on};
 use crate::current;
+use alloc::sync::{Arc, Weak};
+use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use luna_platform::clock::Counter;
 use luna_platform::lock::PiLock;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Weak};
 
 /// Something with a name.
 #[derive(Debug, Clone, PartialEq, Eq)]

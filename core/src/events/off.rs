@@ -1,7 +1,8 @@
 //! The interface without the feature `events`: it does nothing.
 
 use super::Kind;
-use std::task::Poll;
+use alloc::string::String;
+use core::task::Poll;
 
 /// Whether the calling thread is recorded: never.
 #[inline(always)]

@@ -3,16 +3,16 @@
 use super::ring::{Ring, Writer};
 use super::{Kind, code, waits};
 use crate::current::{self, User};
-use std::cell::{Cell, RefCell};
-use std::ptr;
-use std::task::Poll;
+use core::cell::{Cell, RefCell};
+use core::ptr;
+use core::task::Poll;
 
 pub use super::names::{Name, Names, listen, name, name_executor, name_process};
 pub use super::waits::{
     WaitsIn, beside, waits_for, waits_for_other, waits_for_several, waits_in, waits_no_more,
 };
 
-thread_local! {
+luna_platform::local! {
     /// The ring of this thread's events: null, or that of the writer in `ATTACHED`.
     static RING: Cell<*const Ring> = const { Cell::new(ptr::null()) };
     static ATTACHED: RefCell<Attached> = const { RefCell::new(Attached(None)) };
@@ -62,7 +62,7 @@ fn exchange(writer: Option<Writer>) -> Option<Writer> {
             .as_ref()
             .map_or(ptr::null(), |writer| ptr::from_ref(writer.ring()));
         RING.set(ptr::null());
-        let before = std::mem::replace(&mut attached.borrow_mut().0, writer);
+        let before = core::mem::replace(&mut attached.borrow_mut().0, writer);
         RING.set(ring);
         before
     });

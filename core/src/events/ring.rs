@@ -1,12 +1,12 @@
 //! The event ring of a thread: one producer, one consumer, both non-blocking.
 
+use core::cell::Cell;
+use core::fmt;
 #[cfg(not(loom))]
 use luna_platform::clock::Counter;
 use luna_platform::clock::Instant;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use luna_platform::sync::{Arc, UnsafeCell};
-use std::cell::Cell;
-use std::fmt;
 
 /// A model has none.
 #[cfg(loom)]

@@ -6,12 +6,12 @@
 //! operation that gives up in the turn, or completes in it after all, takes its note back.
 
 use super::{Kind, code, is_on};
-use std::cell::Cell;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
+use core::cell::Cell;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll};
 
-thread_local! {
+luna_platform::local! {
     static WAITS: Cell<Noted> = const { Cell::new(Noted::NOTHING) };
 }
 

@@ -1,8 +1,8 @@
 //! The hooks of a path guard: in builds with `--cfg luna_path_guard`.
 
 use crate::current::{self, ProcessId};
+use alloc::collections::BTreeMap;
 use luna_platform::lock::PiLock;
-use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 /// A watcher of the path.

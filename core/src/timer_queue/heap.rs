@@ -6,11 +6,11 @@
 //! removing the first and removing any by O(log n).
 
 use crate::current::{Priority, Renewal, WakeHandle};
+use core::cell::Cell;
+use core::ops::Deref;
+use core::ptr::NonNull;
 use luna_platform::clock::Instant;
 use luna_platform::sync::atomic::{AtomicBool, Ordering};
-use std::cell::Cell;
-use std::ops::Deref;
-use std::ptr::NonNull;
 
 type Link = Option<Listed>;
 
@@ -277,7 +277,7 @@ fn merge(a: Link, b: Link) -> Link {
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
-    use std::mem::MaybeUninit;
+    use core::mem::MaybeUninit;
 
     /// A small generator of fixed sequences, so that the test needs no crate.
     fn random(state: &mut u64) -> u64 {

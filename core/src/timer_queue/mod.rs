@@ -10,25 +10,27 @@
 mod heap;
 mod shared;
 
+use alloc::format;
+use alloc::string::String;
 pub use shared::{Deadline, Due};
 
 use crate::biased_lock::BiasedLock;
 use crate::current::{self, PendingWake, Renewal, WakeHandle};
 use crate::events;
+use core::cell::UnsafeCell;
+use core::fmt;
+use core::future::Future;
+use core::marker::PhantomPinned;
+use core::mem::MaybeUninit;
+use core::panic::Location;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
+use core::time::Duration;
 use heap::{Heap, Label, Node};
 use luna_platform::clock::Instant;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::cell::UnsafeCell;
-use std::fmt;
-use std::future::Future;
-use std::marker::PhantomPinned;
-use std::mem::MaybeUninit;
-use std::panic::Location;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
-use std::time::Duration;
 
 /// The armed deadlines of one thread.
 ///
@@ -47,7 +49,7 @@ pub struct TimerQueue {
     /// The owner checks the queue in time for deadlines from this one on, as nanoseconds. Only the
     /// owner's thread reads and writes it; in a shared queue, the thread that holds the lock.
     provided: AtomicU64,
-    listener: Option<std::sync::Arc<dyn DeadlineListener>>,
+    listener: Option<alloc::sync::Arc<dyn DeadlineListener>>,
 }
 
 /// Notifications of a [`TimerQueue`] to its owner.
@@ -73,13 +75,13 @@ impl TimerQueue {
 
     /// An empty queue; its owner checks it when notified: for each deadline, until the owner has
     /// [provided](Self::provide) for some.
-    pub fn attended(listener: std::sync::Arc<dyn DeadlineListener>) -> Self {
+    pub fn attended(listener: alloc::sync::Arc<dyn DeadlineListener>) -> Self {
         Self::provided_from(Instant::NEVER, Some(listener), false)
     }
 
     fn provided_from(
         deadline: Instant,
-        listener: Option<std::sync::Arc<dyn DeadlineListener>>,
+        listener: Option<alloc::sync::Arc<dyn DeadlineListener>>,
         is_shared: bool,
     ) -> Self {
         Self {
@@ -352,7 +354,7 @@ impl Sleep {
     /// Returns its wake handle, if there is one.
     #[must_use = "its drop is user code, and the caller's last step"]
     fn disarm(&mut self) -> Option<WakeHandle> {
-        if !std::mem::take(&mut self.armed) {
+        if !core::mem::take(&mut self.armed) {
             return None;
         }
         events::waits_no_more(|| None);
@@ -401,7 +403,7 @@ impl Sleep {
             }
         }
         let now = Instant::now();
-        if std::mem::take(&mut this.is_relative) {
+        if core::mem::take(&mut this.is_relative) {
             this.deadline = now.plus_nanos(this.deadline.as_nanos());
         }
         if now >= this.deadline {

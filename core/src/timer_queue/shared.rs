@@ -3,10 +3,12 @@
 use super::heap::{Heap, Label, Node};
 use super::{Arc, DeadlineListener, Ordering, TimerQueue};
 use crate::current::{self, PendingWake, Priority, WakeHandle};
+use alloc::boxed::Box;
+use alloc::vec::Vec;
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 use luna_platform::clock::Instant;
-use std::cell::UnsafeCell;
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
 
 /// What is due, to be woken or called when no lock is held.
 #[derive(Debug)]
@@ -37,7 +39,7 @@ impl Due {
     pub fn wake(&mut self) -> usize {
         // Unstable: the stable sort allocates.
         self.who
-            .sort_unstable_by_key(|&(priority, number, _)| (std::cmp::Reverse(priority), number));
+            .sort_unstable_by_key(|&(priority, number, _)| (core::cmp::Reverse(priority), number));
         let number = self.who.len();
         for (_, _, ready) in self.who.drain(..) {
             ready.wake_contained();
@@ -50,7 +52,7 @@ impl TimerQueue {
     /// An empty queue in which any thread arms. Its owner is notified of each deadline that it has
     /// to provide for ([`DeadlineListener::ask_look_at`]), until the next
     /// [`take_due`](Self::take_due).
-    pub fn shared(listener: std::sync::Arc<dyn DeadlineListener>) -> Self {
+    pub fn shared(listener: alloc::sync::Arc<dyn DeadlineListener>) -> Self {
         Self::provided_from(Instant::NEVER, Some(listener), true)
     }
 

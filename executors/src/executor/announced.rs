@@ -3,8 +3,8 @@
 use super::Phase;
 use crate::process::poll_monitor;
 use crate::task::Unbuilt;
+use core::fmt;
 use luna_core::current;
-use std::fmt;
 
 /// A process to be, on its executor: see
 /// [`ExecutorHandle::announce`](crate::ExecutorHandle::announce). If it is dropped, the process

@@ -6,18 +6,21 @@ use crate::process::{ProcessRegistry, panic_message};
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::Stage;
 use crate::task;
+use alloc::boxed::Box;
+use alloc::format;
+use alloc::sync::Arc;
+use core::any::Any;
+use core::time::Duration;
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::ExecutorId;
 use luna_core::spin::Outside;
 use luna_core::timer_queue::DeadlineListener;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
-use std::any::Any;
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+use luna_platform::sync::OnceLock;
+use luna_platform::sync::plain::{AtomicU8, AtomicU64, Ordering};
 
-thread_local! {
+luna_platform::local! {
     /// What the tasks of this thread that have ended had of the executor that it is.
     pub(super) static SPARE_SHARED: ArcCache<Shared> = const { ArcCache::new() };
 }
@@ -40,6 +43,9 @@ pub(crate) enum Serves {
     Many,
     /// It may make blocking calls, and the thread ends with it.
     One,
+    /// Without an operating system: the executor ends with the last.
+    #[cfg(not(feature = "std"))]
+    Cpu,
 }
 
 /// Another reference for a task of an executor.
@@ -101,7 +107,7 @@ impl Shared {
 
     /// Builds what has arrived. Allocates: off the real-time path.
     pub(crate) fn build_arrivals(self: &Arc<Self>) {
-        let mut arrived = std::mem::take(&mut self.arrivals.lock().waiting);
+        let mut arrived = core::mem::take(&mut self.arrivals.lock().waiting);
         if arrived.is_empty() {
             return;
         }
@@ -171,7 +177,7 @@ impl Shared {
             panic_message(&*payload)
         );
         // Dropping it could panic in turn.
-        std::mem::forget(payload);
+        core::mem::forget(payload);
         // Nothing is built here from now on.
         self.advance(Phase::STOPPING);
         GIVES_UP.set(true);
@@ -185,7 +191,7 @@ impl Shared {
         let mut refused = {
             let mut arrivals = self.arrivals.lock();
             arrivals.closed = true;
-            std::mem::take(&mut arrivals.waiting)
+            core::mem::take(&mut arrivals.waiting)
         };
         while let Some(process) = refused.pop() {
             drop(process);

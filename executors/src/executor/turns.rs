@@ -9,6 +9,10 @@ use crate::inbound::Signals;
 use crate::interference;
 use crate::process::{Enrolled, prepare_thread};
 use crate::task;
+use alloc::sync::Arc;
+use core::ptr::NonNull;
+use core::sync::atomic::Ordering;
+use core::time::Duration;
 use luna_core::current;
 use luna_core::deferred_free;
 use luna_core::events;
@@ -16,12 +20,9 @@ use luna_core::park;
 use luna_core::spin;
 use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
+use luna_platform::panics::{catch_unwind, resume};
+#[cfg(feature = "std")]
 use luna_platform::usage;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::ptr::NonNull;
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::time::Duration;
 
 /// The thread of an executor.
 pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
@@ -41,7 +42,7 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     );
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
-    let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
+    let lived = catch_unwind(|| live(&shared, &deadlines));
     // Panics of bodies are caught where they are polled. This one comes from elsewhere: a foreign
     // waker, say.
     if let Err(payload) = lived {
@@ -65,6 +66,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         }
         shared.inbound.sleep(Instant::NEVER);
     }
+    #[cfg(feature = "std")]
     let before = usage::processor_time();
     // A thread that may block keeps nothing: it could sleep in the middle of a turn.
     let frees_later = shared.serves != Serves::One;
@@ -82,6 +84,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     }
     current::set_on_path(false);
     drop(keeps);
+    #[cfg(feature = "std")]
     if let Some((before, after)) = before.zip(usage::processor_time()) {
         // It runs once.
         let _ = shared.processor_time.set(after.saturating_sub(before));
@@ -105,10 +108,10 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
 /// Runs rounds; ends the process that panics in one. Catching it here and not around each poll
 /// saves that.
 pub(crate) fn turns(rounds: impl FnOnce()) {
-    if let Err(payload) = catch_unwind(AssertUnwindSafe(rounds))
+    if let Err(payload) = catch_unwind(rounds)
         && let Err(own) = task::interrupted(payload)
     {
-        resume_unwind(own);
+        resume(own);
     }
 }
 
@@ -181,7 +184,7 @@ pub(super) fn look_outside(
 pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
     // SAFETY: this is between two polls.
     unsafe { task::end_turns() };
-    if shared.serves == Serves::One && task::count() == 0 {
+    if shared.serves != Serves::Many && task::count() == 0 {
         return shared.advance(Phase::STOPPING);
     }
     // Flush batched exits and deferred frees before sleeping.

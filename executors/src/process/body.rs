@@ -2,14 +2,15 @@
 
 use super::exit_value::{ErasedExitValue, ExitValue};
 use super::record::{RawExit, Record};
+use alloc::boxed::Box;
+use core::any::Any;
+use core::future::Future;
+use core::hint::unreachable_unchecked;
+use core::pin::Pin;
+use core::ptr;
+use core::task::{Context, Poll};
 use luna_core::current;
-use std::any::Any;
-use std::future::Future;
-use std::hint::unreachable_unchecked;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::pin::Pin;
-use std::ptr;
-use std::task::{Context, Poll};
+use luna_platform::panics::catch_unwind;
 
 /// How a body ended, with its exit value before that is published.
 pub(crate) enum End<O> {
@@ -120,7 +121,7 @@ impl<F: Future, B> Body<F, B> {
         }
         let poisons = abandoned && record.is_poisoned();
         // A completed body is dropped within its last poll. That is no part of its replay log.
-        let dropped = catch_unwind(AssertUnwindSafe(|| {
+        let dropped = catch_unwind(|| {
             let mut drop_body = || match abandoned {
                 true => current::with_abandoned(|| self.as_mut().clear()),
                 false => self.as_mut().clear(),
@@ -129,14 +130,14 @@ impl<F: Future, B> Body<F, B> {
                 true => current::poison_dropped_ends(drop_body),
                 false => drop_body(),
             });
-        }));
+        });
         if let Some(log_installer) = log_installer {
             log_installer.end();
         }
         match (end, dropped) {
             (End::Abandoned(Abandoned::Panicked(payload)), Err(second)) => {
                 // The first one counts, and dropping the other could panic in turn.
-                std::mem::forget(second);
+                core::mem::forget(second);
                 End::Abandoned(Abandoned::Panicked(payload))
             }
             (_, Err(payload)) => End::Abandoned(Abandoned::Panicked(payload)),
@@ -155,7 +156,7 @@ impl<F: Future, B> Body<F, B> {
         let this = unsafe { self.get_unchecked_mut() };
         match this.0 {
             Room::Running(_) | Room::Unbuilt(_) => None,
-            _ => match std::mem::replace(&mut this.0, Room::Empty) {
+            _ => match core::mem::replace(&mut this.0, Room::Empty) {
                 Room::Value(value) => Some(value),
                 _ => None,
             },
@@ -176,7 +177,7 @@ pub(crate) fn poll_attentively(
     }
     record.begin_poll();
     let mut has_completed = false;
-    let polled = catch_unwind(AssertUnwindSafe(|| {
+    let polled = catch_unwind(|| {
         let mut poll = |cx: &mut Context<'_>| {
             let polled = poll(cx);
             has_completed = polled.is_ready();
@@ -186,11 +187,11 @@ pub(crate) fn poll_attentively(
             None => poll(cx),
             Some(log_installer) => log_installer.poll(cx, &mut poll),
         }
-    }));
+    });
     if has_completed {
         if let Err(payload) = polled {
             // Its end is published. Dropping the payload could panic in turn.
-            std::mem::forget(payload);
+            core::mem::forget(payload);
         }
         return None;
     }

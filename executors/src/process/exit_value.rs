@@ -1,9 +1,9 @@
 //! Exit value: what a process returns as it ends, for the code that reaps it. It is kept where
 //! there was room for it from the start, since a process ends on the real-time path.
 
-use std::any::TypeId;
-use std::mem::MaybeUninit;
-use std::ptr::NonNull;
+use core::any::TypeId;
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
 
 /// What a body ends with, beyond that it has ended: an error, say. Most end with nothing.
 pub trait ExitValue: Send + 'static {
@@ -66,7 +66,7 @@ impl ErasedExitValue {
             return Err(self);
         }
         let (place, methods) = (self.place, self.methods);
-        std::mem::forget(self);
+        core::mem::forget(self);
         let mut value = MaybeUninit::<O>::uninit();
         // SAFETY: by the invariant the exit value at the place is owned by this value alone, which
         // was forgotten: so it is taken once. It is of the type for which there is room.

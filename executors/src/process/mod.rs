@@ -8,6 +8,10 @@ mod poll_monitor;
 mod record;
 mod registry;
 
+use alloc::borrow::ToOwned;
+use alloc::boxed::Box;
+use alloc::string::String;
+use alloc::vec::Vec;
 pub(crate) use body::{Abandoned, Body, End, poll_attentively};
 pub use exit_value::ExitValue;
 pub(crate) use exit_value::{ErasedExitValue, ExitValueMethods};
@@ -20,13 +24,14 @@ pub(crate) use record::{Notice, RawExit, Record, RecordRef};
 pub(crate) use registry::Enrolled;
 pub use registry::{ProcessRegistry, Quiescent};
 
+use alloc::sync::Arc;
+use core::any::Any;
+use core::fmt;
+use core::time::Duration;
 use luna_core::current::{self, ProcessId};
 use luna_core::replay_log::LogInstaller;
+#[cfg(feature = "std")]
 use luna_platform::memory::copy_words;
-use std::any::Any;
-use std::fmt;
-use std::sync::Arc;
-use std::time::Duration;
 
 /// What a process is to be: its name, its level, and its poll monitor.
 #[derive(Debug)]
@@ -207,8 +212,8 @@ impl fmt::Display for Exit {
 pub struct ProcessHandle(pub(crate) RecordRef);
 
 // What it shows is atomic, or behind a lock under which no user code runs.
-impl std::panic::UnwindSafe for ProcessHandle {}
-impl std::panic::RefUnwindSafe for ProcessHandle {}
+impl core::panic::UnwindSafe for ProcessHandle {}
+impl core::panic::RefUnwindSafe for ProcessHandle {}
 
 impl ProcessHandle {
     /// The process' name.
@@ -275,6 +280,7 @@ impl ProcessHandle {
     /// system does not let them be seen. The kernel copies them as they are, also while the body
     /// runs or goes, so they are a hint for reports: what the body holds behind a box is not among
     /// them, and what it has given away may still be. Not for the real-time path: it allocates.
+    #[cfg(feature = "std")]
     pub fn words_of_body(&self) -> Vec<usize> {
         self.0.body().map(copy_words).unwrap_or_default()
     }

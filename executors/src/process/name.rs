@@ -1,12 +1,14 @@
 //! The name of a process: two words, in which most texts lie themselves, since each process has
 //! one.
 
-use std::borrow::Borrow;
-use std::fmt;
-use std::hash::{Hash, Hasher};
-use std::mem::ManuallyDrop;
-use std::ops::Deref;
-use std::sync::Arc;
+use alloc::borrow::Borrow;
+use alloc::boxed::Box;
+use alloc::string::String;
+use alloc::sync::Arc;
+use core::fmt;
+use core::hash::{Hash, Hasher};
+use core::mem::ManuallyDrop;
+use core::ops::Deref;
 
 /// The name of a process. Up to 15 bytes lie in the value itself; cloning a longer one counts
 /// references, and copies nothing.
@@ -105,7 +107,7 @@ impl Deref for Name {
         // bytes are the text, which was a `str`.
         unsafe {
             let text = short.text.get_unchecked(..usize::from(short.length));
-            std::str::from_utf8_unchecked(text)
+            core::str::from_utf8_unchecked(text)
         }
     }
 }

@@ -1,10 +1,10 @@
 //! The monitor of each poll of a process: for budgets. Processes without one pay nothing.
 
+use alloc::sync::Arc;
+use core::any::Any;
+use core::cell::RefCell;
+use core::fmt;
 use luna_platform::clock::Instant;
-use std::any::Any;
-use std::cell::RefCell;
-use std::fmt;
-use std::sync::Arc;
 
 /// Looks at each poll of one process: see
 /// [`ProcessSpec::monitored`](super::ProcessSpec::monitored).
@@ -28,7 +28,7 @@ pub enum Verdict {
     Poison,
 }
 
-thread_local! {
+luna_platform::local! {
     /// The monitor of the process with the poll that is under way.
     static MONITOR: RefCell<Option<Arc<dyn PollMonitor>>> = const { RefCell::new(None) };
 }

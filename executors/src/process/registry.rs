@@ -4,6 +4,11 @@
 use super::ProcessHandle;
 use super::record::{Record, RecordRef};
 use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::cell::Cell;
+use core::fmt;
+use core::ptr::{self, NonNull};
 use luna_core::current::ExecutorId;
 use luna_core::deferred_free::Retired;
 use luna_core::path::{self, Call};
@@ -11,11 +16,7 @@ use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::on_drop::OnDrop;
-use std::cell::Cell;
-use std::fmt;
-use std::ptr::{self, NonNull};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
+use luna_platform::sync::plain::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 
 /// Counts the processes that have not ended, so that one thread can wait for the last. It also has
 /// their threads, to detect that none of them will ever wake by itself.
@@ -62,7 +63,7 @@ struct Kept {
     listed: Cell<usize>,
 }
 
-thread_local! {
+luna_platform::local! {
     static KEPT: Kept = const {
         Kept {
             of: Cell::new(ptr::null()),

@@ -51,7 +51,7 @@ pub(crate) struct Stage {
     standstill: PiLock<Option<Standstill>>,
 }
 
-thread_local! {
+luna_platform::local! {
     /// The stage that this thread runs.
     static HERE: Cell<*const Stage> = const { Cell::new(ptr::null()) };
 }

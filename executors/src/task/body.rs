@@ -2,14 +2,14 @@
 
 use super::Task;
 use crate::process::{Abandoned, Body, End, ErasedExitValue, ExitValue, ExitValueMethods};
-use std::any::TypeId;
-use std::cell::UnsafeCell;
-use std::future::Future;
-use std::mem::offset_of;
-use std::ops::Range;
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
+use core::any::TypeId;
+use core::cell::UnsafeCell;
+use core::future::Future;
+use core::mem::offset_of;
+use core::ops::Range;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 
 /// Rare operations on a body: found through its process' methods.
 pub(super) struct BodyMethods {

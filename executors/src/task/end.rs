@@ -4,14 +4,16 @@ use super::body::Whole;
 use super::{REMOTE_WAKES, TASKS, Task, another_reference, end_turns, memory};
 use crate::process::{Abandoned, Notice, RecordRef};
 use crate::{executor, interference};
+use alloc::borrow::ToOwned;
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use core::any::Any;
+use core::future::Future;
+use core::mem::{self, ManuallyDrop, offset_of};
+use core::ptr::NonNull;
 use luna_core::current::{self, Process};
 use luna_core::deferred_free::Retired;
-use std::any::Any;
-use std::future::Future;
-use std::mem::{self, ManuallyDrop, offset_of};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr::NonNull;
-use std::sync::Arc;
+use luna_platform::panics::catch_unwind;
 
 /// Ends the process in the turn of which the panic occurred. If there is none, returns the payload:
 /// the panic is the thread's own.
@@ -80,7 +82,7 @@ pub(super) unsafe fn end_left(task: NonNull<Task>, why: &str) {
     // retired, at the end.
     unsafe {
         let this = task.as_ref();
-        let ended = catch_unwind(AssertUnwindSafe(|| {
+        let ended = catch_unwind(|| {
             current::give_turn(&this.process, || {
                 current::poison_dropped_ends(|| {
                     let payload = Box::new(why.to_owned());
@@ -88,10 +90,10 @@ pub(super) unsafe fn end_left(task: NonNull<Task>, why: &str) {
                 });
             });
             this.process.end_turn();
-        }));
+        });
         if let Err(payload) = ended {
             // Dropping it could panic in turn.
-            std::mem::forget(payload);
+            core::mem::forget(payload);
             current::take_interrupted();
         }
         end(task);

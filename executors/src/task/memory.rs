@@ -4,9 +4,9 @@
 //! finds: several times as expensive as all else that a spawn allocates. So a task requests half of
 //! the alignment that it needs, and that much more memory.
 
+use alloc::alloc::{Layout, alloc, dealloc, handle_alloc_error};
+use core::ptr::NonNull;
 use luna_core::current::Process;
-use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
-use std::ptr::NonNull;
 
 /// What every allocator gives without a detour.
 const PLAIN: usize = Process::ALIGN / 2;

@@ -37,16 +37,18 @@ use crate::executor::Shared;
 use crate::interference;
 use crate::process::{self, Abandoned, Notice, Record, RecordRef};
 use crate::remote_wakes::{RemoteWakes, WakeSlot};
+use alloc::borrow::ToOwned;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::cell::{Cell, RefCell};
+use core::mem::ManuallyDrop;
+use core::ops::Deref;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current::{self, AfterTurn, Methods, Process, QueueEnd};
 use luna_core::events;
-use std::cell::{Cell, RefCell};
-use std::mem::ManuallyDrop;
-use std::ops::Deref;
-use std::ptr::NonNull;
-use std::sync::Arc;
-use std::task::{Context, Poll};
 
-thread_local! {
+luna_platform::local! {
     /// The tasks of this thread's executor that are not retired.
     static REMOTE_WAKES: RefCell<RemoteWakes<NonNull<Task>>> =
         const { RefCell::new(RemoteWakes::new()) };
@@ -76,7 +78,7 @@ impl Tasks {
     /// after it.
     pub(crate) fn exchange(&mut self) {
         REMOTE_WAKES
-            .with_borrow_mut(|remote_wakes| std::mem::swap(remote_wakes, &mut self.remote_wakes));
+            .with_borrow_mut(|remote_wakes| core::mem::swap(remote_wakes, &mut self.remote_wakes));
         self.count = TASKS.replace(self.count);
     }
 }

@@ -6,15 +6,15 @@ use super::{Head, Task, memory, poll_attentively, ready_elsewhere, start};
 use crate::executor::Shared;
 use crate::process::{Body, ExitValue, ProcessSpec, RawExit, Record, RecordRef};
 use crate::remote_wakes::WakeSlot;
+use alloc::sync::Arc;
+use core::cell::UnsafeCell;
+use core::future::Future;
+use core::mem::{ManuallyDrop, offset_of};
+use core::ptr::{self, NonNull};
+use core::sync::atomic::Ordering;
 use luna_core::current;
 use luna_core::deferred_free::Retired;
-use std::cell::UnsafeCell;
-use std::future::Future;
-use std::mem::{ManuallyDrop, offset_of};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr::{self, NonNull};
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use luna_platform::panics::catch_unwind;
 
 /// How a task is built.
 pub(super) struct Methods {
@@ -100,9 +100,7 @@ impl Unbuilt {
         let this = ManuallyDrop::new(self);
         // SAFETY: by the invariant the task is not built, and this is its executor's thread. The
         // reference of the process passes to its waker, unless the builder panics.
-        let built = catch_unwind(AssertUnwindSafe(|| unsafe {
-            (this.methods().build)(this.0)
-        }));
+        let built = catch_unwind(|| unsafe { (this.methods().build)(this.0) });
         if let Err(payload) = built {
             // SAFETY: nothing is left of the builder, and this is not used any more.
             unsafe { this.end(RawExit::Panicked(payload)) };
@@ -126,9 +124,7 @@ impl Drop for Unbuilt {
     fn drop(&mut self) {
         // What the builder holds is the user's: dropping it may panic. SAFETY: by the invariant the
         // task is not built, and this alone accesses its builder.
-        let cleared = catch_unwind(AssertUnwindSafe(|| unsafe {
-            (self.methods().clear)(self.0)
-        }));
+        let cleared = catch_unwind(|| unsafe { (self.methods().clear)(self.0) });
         let exit = cleared.map_or_else(RawExit::Panicked, |()| RawExit::Cancelled);
         // SAFETY: also a drop that panics leaves nothing; this is the end of it.
         unsafe { self.end(exit) };

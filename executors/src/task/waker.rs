@@ -2,9 +2,9 @@
 
 use super::{Task, ready_elsewhere};
 use crate::process::Record;
+use core::ptr::NonNull;
+use core::task::{RawWaker, RawWakerVTable, Waker};
 use luna_core::current::{self, QueueEnd};
-use std::ptr::NonNull;
-use std::task::{RawWaker, RawWakerVTable, Waker};
 
 /// The waker of the process of `task`: it takes over the reference that is counted for the process.
 ///

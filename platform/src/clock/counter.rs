@@ -39,7 +39,7 @@ impl Counter {
             // SAFETY: every processor of this architecture has the instruction, and a kernel that
             // forbade it to programs could not offer its clock to them without a system call by it,
             // which `is_kept` has found that it does.
-            unsafe { std::arch::x86_64::_rdtsc() }
+            unsafe { core::arch::x86_64::_rdtsc() }
         }
         #[cfg(not(target_arch = "x86_64"))]
         unreachable!("nothing is known of this processor's counter")
@@ -80,7 +80,7 @@ mod tests {
         };
         let (first, began) = counter.beside_clock();
         let mut last = first;
-        while Instant::now_real() - began < std::time::Duration::from_millis(2) {
+        while Instant::now_real() - began < core::time::Duration::from_millis(2) {
             let now = counter.read();
             assert!(now >= last);
             last = now;

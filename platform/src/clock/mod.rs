@@ -1,20 +1,20 @@
 //! Time in nanoseconds, on the machine's clock or on that of a simulation.
 
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 mod counter;
 mod source;
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 mod tai;
 
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub use counter::Counter;
 pub use source::{Clock, VirtualClock};
-#[cfg(not(loom))]
+#[cfg(all(feature = "std", not(loom)))]
 pub use tai::{Synchronization, tai_nanos};
 
-use std::fmt;
-use std::ops::{Add, AddAssign, Sub};
-use std::time::Duration;
+use core::fmt;
+use core::ops::{Add, AddAssign, Sub};
+use core::time::Duration;
 
 /// A point in time, in nanoseconds since an origin: on the machine's monotonic clock an origin that
 /// is the same for the whole run of the machine, on a [`VirtualClock`] one of its own. Instants of

@@ -2,13 +2,13 @@
 
 use super::Instant;
 use crate::on_drop::OnDrop;
-use std::cell::Cell;
-use std::fmt;
-use std::ptr;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use crate::sync::plain::{AtomicU64, Ordering};
+use alloc::sync::Arc;
+use core::cell::Cell;
+use core::fmt;
+use core::ptr;
 
-thread_local! {
+crate::local! {
     /// The clock of this thread: null is the machine's, anything else that of the guard
     /// which keeps it.
     static SOURCE: Cell<*const VirtualClock> = const { Cell::new(ptr::null()) };
@@ -173,7 +173,7 @@ impl fmt::Debug for Clock {
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
-    use std::time::Duration;
+    use core::time::Duration;
 
     #[test]
     fn clocks_nest_and_belong_to_their_thread() {

@@ -1,7 +1,7 @@
 //! TAI, the time that computers can have in common, and what the kernel knows of its error.
 
+use core::time::Duration;
 use std::io::Result;
-use std::time::Duration;
 
 /// What the kernel knows of its wall clocks, as the daemon that disciplines them (chrony, ptp4l with
 /// phc2sys, ntpd) has told it. The kernel lets the greatest error grow by 0.5 ms a second until the

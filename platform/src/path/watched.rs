@@ -3,9 +3,9 @@
 
 use super::Call;
 use crate::on_drop::OnDrop;
-use std::cell::Cell;
+use core::cell::Cell;
 
-thread_local! {
+crate::local! {
     static EXPECTED: Cell<Option<Call>> = const { Cell::new(None) };
 }
 

@@ -1,9 +1,8 @@
-//! The standard library has no alarms.
+//! The standard library has no alarms, and neither has a port.
 
 use crate::clock::Instant;
-use std::convert::Infallible;
-use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
+use crate::sync::{Arc, plain::AtomicU64};
+use core::convert::Infallible;
 
 /// The alarm of a thread. This backend has none: [`new`](Self::new) gives nothing.
 #[derive(Debug)]

@@ -1,5 +1,6 @@
 //! Threads have no priorities here, so there are no boosts.
 
+#[cfg(feature = "std")]
 use crate::shortfall::PolicyRefusal;
 
 /// A thread, and its scheduling without a boost.
@@ -42,6 +43,7 @@ pub fn restore(_: &Scheduling) -> Result<(), i32> {
 }
 
 /// Why a boost was refused with this error number.
+#[cfg(feature = "std")]
 pub fn why_refused(_: u8, _: i32) -> PolicyRefusal {
     PolicyRefusal::Unsupported
 }

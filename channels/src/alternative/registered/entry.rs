@@ -4,10 +4,11 @@ use crate::core::Channel;
 use crate::error::RecvError;
 use crate::select_state::SelectState;
 use crate::waiter::Waiter;
+use alloc::boxed::Box;
+use core::marker::PhantomData;
+use core::ptr::{self, NonNull};
 use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
-use std::marker::PhantomData;
-use std::ptr::{self, NonNull};
 
 /// The part of an alternative that partners access.
 pub(crate) struct Hub<T> {

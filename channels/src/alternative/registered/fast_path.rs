@@ -7,8 +7,8 @@
 use super::{Alternative, State};
 use crate::core::{FastPath, wake_partner};
 use crate::error::RecvError;
+use core::task::{Context, Poll};
 use luna_core::current::PlainTurn;
-use std::task::{Context, Poll};
 
 impl<T> Alternative<'_, T> {
     /// Polls in a plain turn. `None`: take the slow path.

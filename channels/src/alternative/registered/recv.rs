@@ -5,14 +5,14 @@ use crate::core::Attempted;
 use crate::error::RecvError;
 use crate::replay::{self, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
+use core::fmt;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll, RawWakerVTable, ready};
 use luna_core::current::{self, PlainTurn, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
 use luna_platform::sync::atomic::Ordering;
-use std::fmt;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll, RawWakerVTable, ready};
 
 /// A receive under way from one of many channels: see [`Alternative::recv`].
 #[must_use = "an operation does nothing unless awaited"]

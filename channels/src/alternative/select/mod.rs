@@ -9,16 +9,16 @@ use crate::core::FastPath;
 use crate::finally::Finally;
 use crate::replay;
 use crate::select_state::SelectState;
+use core::fmt;
+use core::future::Future;
+use core::marker::PhantomPinned;
+use core::mem::{ManuallyDrop, MaybeUninit};
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll, RawWakerVTable};
 use luna_core::current::PlainTurn;
 use luna_core::events;
 use slow_path::Polled;
-use std::fmt;
-use std::future::Future;
-use std::marker::PhantomPinned;
-use std::mem::{ManuallyDrop, MaybeUninit};
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll, RawWakerVTable};
 
 /// Which waker polled: two of the same identity wake the same.
 type Identity = (*const (), *const RawWakerVTable);
@@ -84,7 +84,7 @@ pub fn select<const FAIR: bool, S: Seeds>(seeds: S) -> Select<FAIR, S> {
         has_select_state: false,
         state: State::Seeds,
         ends: Ends::new(),
-        polled_by: (std::ptr::null(), std::ptr::null()),
+        polled_by: (core::ptr::null(), core::ptr::null()),
         stop: ManuallyDrop::new(Stop::new()),
         _pinned: PhantomPinned,
     }

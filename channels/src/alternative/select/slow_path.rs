@@ -7,11 +7,11 @@ use crate::alternative::list::Open;
 use crate::finally::Finally;
 use crate::replay::{self, Logged, Stage};
 use crate::select_state::SelectState;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
 use luna_core::current::{self, WakeHandle};
 use luna_core::replay_log::{Event, Turn, What};
-use std::pin::Pin;
-use std::ptr::NonNull;
-use std::task::{Context, Poll};
 
 /// The locks of these guards' wait points were released.
 pub(super) fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {

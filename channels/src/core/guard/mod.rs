@@ -8,13 +8,13 @@ use super::{Channel, Ending};
 use crate::alternative::Entry;
 use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
+use alloc::collections::VecDeque;
+use core::fmt;
+use core::ops::{Deref, DerefMut};
+use core::ptr::NonNull;
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{self, Inheritor, PendingWake, Priority, WakeHandle};
 use luna_platform::sync::atomic::Ordering;
-use std::collections::VecDeque;
-use std::fmt;
-use std::ops::{Deref, DerefMut};
-use std::ptr::NonNull;
 
 /// Result of an operation under the lock.
 #[derive(Debug)]

@@ -5,11 +5,11 @@ use crate::alternative::Entry;
 use crate::replay::Stamped;
 use crate::wait_point::{WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
+use core::ops::{Deref, DerefMut};
+use core::ptr::NonNull;
 use luna_core::current::Priority;
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
-use std::ops::{Deref, DerefMut};
-use std::ptr::NonNull;
 
 impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// Claims the first registered alternative that waits and that `accepts` admits for its

@@ -6,11 +6,12 @@ use crate::core::Ending;
 use crate::replay::{self, Stamped};
 use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::Waiter;
+use alloc::vec::Vec;
+use core::hint::cold_path;
+use core::ops::{Deref, DerefMut};
+use core::ptr::NonNull;
 use luna_core::current::PendingWake;
 use luna_core::{current, events};
-use std::hint::cold_path;
-use std::ops::{Deref, DerefMut};
-use std::ptr::NonNull;
 
 impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// Receives into `node` at once, if possible. O(1).

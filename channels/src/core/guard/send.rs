@@ -8,13 +8,13 @@ use crate::replay::{self, Stamped};
 use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
+use core::hint::cold_path;
+use core::ops::{Deref, DerefMut};
+use core::ptr::NonNull;
+use core::task::Context;
 use luna_core::current::{PendingWake, WakeHandle};
 use luna_core::{current, events};
 use luna_platform::sync::atomic::Ordering;
-use std::hint::cold_path;
-use std::ops::{Deref, DerefMut};
-use std::ptr::NonNull;
-use std::task::Context;
 
 impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// Records that the current process gives its value to this receiver.

@@ -10,6 +10,7 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::thread;
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn invariant_8_a_non_blocking_choice_happens_at_one_instant() {
     let _watchdog = Watchdog::new();
     // One of the two is ready at any time: a look that were spread over time could miss both.
@@ -59,6 +60,7 @@ fn invariant_9_pri_alt_is_exact_when_its_guards_become_ready_as_they_are_evaluat
 }
 
 #[test]
+#[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn invariant_9_pri_alt_is_exact_across_cores() {
     let _watchdog = Watchdog::new();
     // Parked on 1 strictly before on 2: whatever the instant of the choice, 2 is never taken. In

@@ -6,6 +6,7 @@ use crate::common;
 mod exact;
 mod memory;
 mod offers;
+#[cfg(not(luna_one_cpu))]
 mod outcomes;
 
 use luna_channels::{Receiver, RecvError, pri_alt};

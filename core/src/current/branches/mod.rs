@@ -2,10 +2,11 @@
 
 use super::{PendingWake, QueueEnd, WakeHandle, ready_again};
 use crate::deferred_free::Shared;
+use alloc::boxed::Box;
+use core::mem::ManuallyDrop;
+use core::task::{Context, RawWaker, RawWakerVTable, Waker};
 use luna_platform::lock::PiLock;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::mem::ManuallyDrop;
-use std::task::{Context, RawWaker, RawWakerVTable, Waker};
 
 const WORD: usize = u64::BITS as usize;
 

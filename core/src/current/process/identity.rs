@@ -1,9 +1,9 @@
 //! What a process, an executor and a priority are known by.
 
-use std::cell::Cell;
-use std::fmt;
-use std::num::{NonZeroU32, NonZeroU64};
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use core::cell::Cell;
+use core::fmt;
+use core::num::{NonZeroU32, NonZeroU64};
+use luna_platform::sync::plain::{AtomicU32, AtomicU64, Ordering};
 
 /// A process id, unique within this program's run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -15,7 +15,7 @@ impl ProcessId {
         /// Ids that a thread takes at once, so that it seldom touches the shared counter.
         const BLOCK: u32 = 64;
         static NEXT: AtomicU32 = AtomicU32::new(1);
-        thread_local! {
+        luna_platform::local! {
             /// The next id of this thread's block, and the number of ids left.
             static OWN: Cell<(u32, u32)> = const { Cell::new((0, 0)) };
         }

@@ -13,13 +13,13 @@ use crate::current::lone;
 use crate::current::references::References;
 use crate::current::run_queue::Link;
 use crate::events;
-use std::any::Any;
-use std::cell::{Cell, UnsafeCell};
-use std::fmt;
-use std::ops::Range;
-use std::ptr::{self, NonNull};
-use std::sync::atomic::{AtomicPtr, AtomicU8, AtomicU64, Ordering};
-use std::task::{Context, Waker};
+use core::any::Any;
+use core::cell::{Cell, UnsafeCell};
+use core::fmt;
+use core::ops::Range;
+use core::ptr::{self, NonNull};
+use core::task::{Context, Waker};
+use luna_platform::sync::plain::{AtomicPtr, AtomicU8, AtomicU64, Ordering};
 
 /// The number of priority levels within one executor: 0 (lowest) to 31.
 pub const LEVELS: u8 = 32;
@@ -112,7 +112,7 @@ pub struct Process {
 }
 
 #[cfg(all(not(loom), target_pointer_width = "64"))]
-const _: () = assert!(std::mem::offset_of!(Process, methods) <= 96);
+const _: () = assert!(core::mem::offset_of!(Process, methods) <= 96);
 
 // SAFETY: the fields that are neither constant nor atomic:
 // - `kind`, `methods`: the thread that makes the process writes them, before any other thread knows
@@ -199,7 +199,7 @@ impl Process {
         let poll = self.poll.load(Ordering::Acquire);
         // SAFETY: `set_owner`, which the caller promises, and `notify` store functions of this
         // type.
-        unsafe { std::mem::transmute::<*mut (), Poll>(poll) }
+        unsafe { core::mem::transmute::<*mut (), Poll>(poll) }
     }
 
     /// The operations of its executor.

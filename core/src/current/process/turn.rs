@@ -5,9 +5,9 @@ use crate::current::ready;
 use crate::current::run_queue::Link;
 use crate::current::turn::{PlainTurn, process};
 use crate::events;
-use std::hint::cold_path;
-use std::ptr::NonNull;
-use std::sync::atomic::Ordering;
+use core::hint::cold_path;
+use core::ptr::NonNull;
+use core::sync::atomic::Ordering;
 
 /// The state of a process, as bits of one byte that the executor's thread writes.
 pub(in crate::current) mod state {

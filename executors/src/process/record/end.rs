@@ -4,9 +4,11 @@ use super::{Beside, Record};
 use crate::process::exit_value::{ErasedExitValue, ExitValue};
 use crate::process::join::JoinNode;
 use crate::process::{Exit, panic_message};
+use alloc::boxed::Box;
+use alloc::string::String;
+use core::any::Any;
+use core::sync::atomic::Ordering;
 use luna_core::events;
-use std::any::Any;
-use std::sync::atomic::Ordering;
 
 /// How it ended, before any query: the message of a panic is made off the real-time path.
 pub(crate) enum RawExit {
@@ -66,7 +68,7 @@ impl Record {
         // Checked in place: if they were taken out and put back, they would be missing meanwhile.
         let value = match &shown.beside {
             Beside::ExitValue(value) if value.are::<O>() => {
-                std::mem::replace(&mut shown.beside, Beside::Nothing)
+                core::mem::replace(&mut shown.beside, Beside::Nothing)
             }
             _ => return None,
         };

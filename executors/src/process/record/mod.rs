@@ -11,6 +11,11 @@ pub(in crate::process) use shown::Shown;
 use crate::process::poll_monitor::{self, PollMonitor, Verdict};
 use crate::process::registry::ProcessRegistry;
 use crate::process::{Name, ProcessSpec, ProcessState};
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use core::fmt;
+use core::ops::Range;
+use core::ptr::NonNull;
 pub(in crate::process) use end::Outcome;
 use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
@@ -18,13 +23,9 @@ use luna_core::deferred_free::{self, Retired};
 use luna_core::replay_log::LogInstaller;
 use luna_core::{events, path};
 use luna_platform::clock::Instant;
+use luna_platform::sync::plain::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use reference::free_boxed;
 use shown::{Beside, Seen};
-use std::fmt;
-use std::ops::Range;
-use std::ptr::NonNull;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
 /// Flags for the end of a process, stored beside its level.
 pub(in crate::process) struct How;
@@ -194,7 +195,7 @@ impl Record {
         // needs itself.
         if self.references.fetch_add(1, Ordering::Relaxed) > i32::MAX as u32 {
             // So many were leaked: to wrap would be to free what is owned.
-            std::process::abort();
+            luna_platform::panics::abort();
         }
     }
 

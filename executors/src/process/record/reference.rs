@@ -2,10 +2,11 @@
 
 use super::{How, Record};
 use crate::process::registry::ProcessRegistry;
+use alloc::boxed::Box;
+use core::mem::ManuallyDrop;
+use core::ops::Deref;
+use core::ptr::NonNull;
 use luna_core::deferred_free::Retired;
-use std::mem::ManuallyDrop;
-use std::ops::Deref;
-use std::ptr::NonNull;
 
 /// A counted reference to a record.
 ///
@@ -51,7 +52,7 @@ impl RecordRef {
         if self.0 != other.0 {
             return;
         }
-        std::mem::forget(other);
+        core::mem::forget(other);
         // SAFETY: two references to this record were counted for these, which are not used any
         // more. Their pointer may be used for all of the record's memory.
         unsafe { Record::count_less(self.into_raw(), 2) };

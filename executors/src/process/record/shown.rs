@@ -1,11 +1,12 @@
 //! What a record has for the threads that wait for its process, and for those that look at it.
 
 use crate::process::exit_value::ErasedExitValue;
+use alloc::boxed::Box;
+use core::any::Any;
+use core::ptr;
+use core::sync::atomic::{AtomicPtr, Ordering};
 use luna_core::current::Process;
 use luna_core::wait_list::WaitList;
-use std::any::Any;
-use std::ptr;
-use std::sync::atomic::{AtomicPtr, Ordering};
 
 /// The record's view of the process itself, in one word: nothing yet, its address, or how often it
 /// was polled before it went.

@@ -1,0 +1,102 @@
+//! The executor without an operating system: on the CPU, in the context of the program.
+
+use super::{ExecutorHandle, Serves, Shared, turns};
+use crate::process::{Enrolled, ProcessHandle, ProcessRegistry, ProcessSpec};
+use crate::quiescence::Quiescence;
+use alloc::sync::Arc;
+use core::fmt;
+use core::future::Future;
+use luna_core::deferred_free;
+use luna_platform::bare;
+
+/// Runs prioritized processes on the CPU: higher levels first, first come first served within a
+/// level. With nothing to do it idles in the [port](bare::Port), until an interrupt wakes a process
+/// or the earliest deadline comes.
+///
+/// Processes are spawned before [`run`](Self::run), or by others while it runs. A process that
+/// never awaits keeps the CPU; interrupts are served all the same. A panic in a process ends the
+/// program.
+///
+/// ```ignore
+/// let executor = Executor::new();
+/// executor.spawn(ProcessSpec::new("loop").level(30), || control());
+/// executor.spawn(ProcessSpec::new("log"), || log());
+/// executor.run();
+/// ```
+pub struct Executor {
+    handle: ExecutorHandle,
+    enrolled: Option<Enrolled>,
+}
+
+impl Executor {
+    /// An executor without processes. Allocates.
+    ///
+    /// # Panics
+    ///
+    /// In an interrupt.
+    pub fn new() -> Executor {
+        assert!(
+            !bare::is_interrupt(),
+            "an executor runs in the context of the program"
+        );
+        let registry = Arc::new(ProcessRegistry::new());
+        let quiescence = Arc::new(Quiescence::new());
+        let shared = Shared::new(0, registry, quiescence, Serves::Cpu, None);
+        let enrolled = shared.registry.enroll(shared.executor_id, shared.clone());
+        Executor {
+            handle: ExecutorHandle { shared },
+            enrolled: Some(enrolled),
+        }
+    }
+
+    /// Spawns processes here, also while it runs.
+    pub fn handle(&self) -> &ExecutorHandle {
+        &self.handle
+    }
+
+    /// As [`ExecutorHandle::spawn`].
+    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        self.handle.spawn(spec, build)
+    }
+
+    /// Runs the processes until all have ended, or until [a stop was
+    /// requested](ExecutorHandle::request_stop): those that are left are then cancelled. A program
+    /// whose processes never end stays here.
+    ///
+    /// # Panics
+    ///
+    /// Within a process, and in an interrupt.
+    pub fn run(mut self) {
+        assert!(
+            !bare::is_interrupt(),
+            "an executor runs in the context of the program"
+        );
+        let shared = self.handle.shared.clone();
+        self.handle.release();
+        if let Some(enrolled) = self.enrolled.take() {
+            turns::run(shared, enrolled);
+        }
+        deferred_free::collect();
+    }
+}
+
+impl Drop for Executor {
+    fn drop(&mut self) {
+        // One that never ran: its processes end unstarted.
+        if self.enrolled.take().is_some() {
+            self.handle.shared.refuse_all();
+        }
+    }
+}
+
+impl fmt::Debug for Executor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Executor")
+            .field("executor_id", &self.handle.shared.executor_id)
+            .finish_non_exhaustive()
+    }
+}

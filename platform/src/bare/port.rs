@@ -1,0 +1,86 @@
+//! What a chip, or a simulated one, gives LUNA.
+
+use crate::clock::Instant;
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicBool, Ordering};
+
+/// The clock and the idling of one CPU.
+///
+/// The methods are called from the program and from interrupts, also within a critical section, but
+/// for [`idle`](Self::idle). None may use LUNA.
+pub trait Port: Sync {
+    /// Nanoseconds since an origin, which never go back. From 0 to `u64::MAX - 1`: 584 years.
+    fn now(&self) -> u64;
+
+    /// Waits for a [`wake`](Self::wake), or until [`now`](Self::now) reaches `deadline`;
+    /// [`Instant::NEVER`] is none. Called by the program alone, outside of critical sections. It
+    /// may return without a cause, as after any interrupt.
+    ///
+    /// A wake that came since the last return ends it at once: the caller has looked for work
+    /// before, and an interrupt may have come since. `wfe` of ARM does just that.
+    fn idle(&self, deadline: Instant);
+
+    /// Ends the present call of [`idle`](Self::idle), or else the next. `sev` of ARM.
+    fn wake(&self);
+
+    /// Whether the CPU runs an interrupt handler. Builds with debug assertions ask it whenever a
+    /// context uses what is its own, to find interrupts that use LUNA outside of
+    /// [`interrupt`](super::interrupt).
+    fn is_interrupt(&self) -> bool;
+}
+
+/// The installed port: written once, before `IS_INSTALLED` is set.
+struct Installed(UnsafeCell<Option<&'static dyn Port>>);
+
+// SAFETY: it is written in a critical section while `IS_INSTALLED` is not set, by the one caller
+// that finds it empty, and is read only once that is set. A port is `Sync`.
+unsafe impl Sync for Installed {}
+
+static INSTALLED: Installed = Installed(UnsafeCell::new(None));
+static IS_INSTALLED: AtomicBool = AtomicBool::new(false);
+
+/// Makes `port` that of the program: once, before anything else of LUNA is called. O(1).
+///
+/// # Panics
+///
+/// If there is one already.
+///
+/// # Safety
+///
+/// - LUNA is called on one CPU alone, and there by the program and by interrupt handlers: not by
+///   the threads of another scheduler.
+/// - Each interrupt handler calls LUNA within [`interrupt`](super::interrupt) alone.
+/// - No handler that a critical section does not hold back (as that of a non-maskable interrupt)
+///   calls LUNA.
+pub unsafe fn install(port: &'static dyn Port) {
+    let is_first = critical_section::with(|_| {
+        let is_first = !IS_INSTALLED.load(Ordering::Relaxed);
+        if is_first {
+            // SAFETY: nothing reads it before it is marked as installed, and nothing else writes
+            // it: this is a critical section.
+            unsafe { *INSTALLED.0.get() = Some(port) };
+            IS_INSTALLED.store(true, Ordering::Release);
+        }
+        is_first
+    });
+    assert!(is_first, "a port is installed already");
+}
+
+/// The port, if there is one.
+#[inline]
+pub(super) fn installed() -> Option<&'static dyn Port> {
+    if !IS_INSTALLED.load(Ordering::Acquire) {
+        return None;
+    }
+    // SAFETY: it was written before it was marked as installed, and is never written again.
+    unsafe { *INSTALLED.0.get() }
+}
+
+/// The port.
+#[inline]
+pub(super) fn port() -> &'static dyn Port {
+    match installed() {
+        Some(port) => port,
+        None => panic!("LUNA has no port: call `luna_platform::bare::install` first"),
+    }
+}
