@@ -27,6 +27,8 @@ pub(crate) trait Writing: Send {
     fn place(&self) -> Place;
     /// How many values a cycle may take: those that wait at its begin.
     fn waiting(&self) -> usize;
+    /// How many values are in the channel, without those of senders that wait.
+    fn buffered(&self) -> usize;
     /// A value that waits.
     fn take(&mut self) -> luna::Result<Option<Taken>>;
     /// Resolves when its senders are gone; values may be left.
@@ -78,7 +80,11 @@ impl<T: Value> Writing for WritePoint<T> {
 
     fn waiting(&self) -> usize {
         // A sender without a buffer waits too.
-        self.receiver.buffered().clamp(1, WRITES)
+        self.buffered().clamp(1, WRITES)
+    }
+
+    fn buffered(&self) -> usize {
+        self.receiver.buffered()
     }
 
     fn take(&mut self) -> luna::Result<Option<Taken>> {

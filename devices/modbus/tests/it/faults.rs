@@ -1,8 +1,8 @@
 //! What a server does wrong, and where it goes.
 
-use crate::common::{AT_ONCE, Bench, SpawnOk, newest, until, with_files};
-use luna::End;
+use crate::common::{AT_ONCE, Bench, LONG, PERIOD, SpawnOk, newest, until, with_files};
 use luna::devices::DeviceState;
+use luna::{Buffer, End};
 use luna_modbus::sim::{self, Fault};
 use luna_modbus::{Code, Event, Garbage, RequestError, Table, coil, input};
 use std::io::ErrorKind;
@@ -224,25 +224,63 @@ fn a_server_that_stays_away_is_a_lost_device_and_an_emergency() {
     let main = system.executor("main").build().unwrap();
     main.process("client").spawn_ok(client);
     switch.try_send(true).unwrap();
-    main.process("user").spawn_ok(async move {
-        let Event::WriteFailed { value, error } = events.recv().await? else {
-            panic!("no report")
-        };
-        assert_eq!(value, 1.0);
-        assert!(
-            matches!(error, RequestError::NotConnected { .. }),
-            "{error}"
-        );
-        std::future::pending::<()>().await;
-        drop((switch, values));
-        Ok(())
-    });
     drop(device);
     let error = system.run().unwrap_err().to_string();
     assert!(error.contains("no connection after 3 attempts"), "{error}");
     assert_eq!(system.report().unwrap().end, End::Emergency);
     assert_eq!(devices.list()[0].state, DeviceState::Closed);
     assert_eq!((counts.connections(), counts.write_failures()), (0, 1));
+    let Event::WriteFailed { value, error } = events.try_recv().unwrap() else {
+        panic!("no report")
+    };
+    assert_eq!(value, 1.0);
+    assert!(
+        matches!(error, RequestError::NotConnected { .. }),
+        "{error}"
+    );
+    drop((switch, values));
+}
+
+#[test]
+fn the_loss_does_not_wait_for_the_reader_of_the_events() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, _) = Bench::new();
+    let (event, events) = luna::buffered(Buffer::fifo(1));
+    let (value, values) = newest::<u16>();
+    let (switch, switches) = luna::buffered::<bool>(Buffer::fifo(4));
+    let client = luna_modbus::client(&bench.device, PERIOD, event)
+        .and_then(|client| client.timeout(LONG))
+        .and_then(|client| client.read(input(0), value))
+        .and_then(|client| client.write(coil(0), switches))
+        .unwrap()
+        .reconnect(AT_ONCE.attempts(3));
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        ..
+    } = bench;
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    let kept = switch.clone();
+    main.process("user").spawn_ok(async move {
+        values.recv().await?;
+        plc.stop();
+        for is_on in [true, false, true] {
+            switch.try_send(is_on).unwrap();
+        }
+        std::future::pending().await
+    });
+    drop(device);
+    let error = system.run().unwrap_err().to_string();
+    assert!(error.contains("no connection after 3 attempts"), "{error}");
+    assert_eq!(system.report().unwrap().end, End::Emergency);
+    assert_eq!(counts.write_failures(), 3);
+    // The others had no room.
+    assert_eq!(events.try_recv(), Ok(Event::Connected));
+    assert!(events.try_recv().is_err());
+    drop(kept);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! No value to write is lost without a report.
+//! No value that is taken to be written is lost without a report.
 
 use crate::common::{Bench, SpawnOk, newest, until, with_files};
 use luna::prelude::*;
