@@ -127,7 +127,7 @@ impl Client {
     /// Each value that is taken is confirmed by the server ([counted](Counts::written)), or
     /// reported by [`Event::WriteFailed`], unless the client is cancelled, a channel is poisoned,
     /// or the device is lost while `events` is full. It is never written twice. While there is no
-    /// connection no value is taken. A sender never waits with
+    /// connection, or the server has closed it, no value is taken. A sender never waits with
     /// [`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest), which keeps the newest
     /// value alone.
     ///

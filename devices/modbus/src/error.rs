@@ -191,7 +191,7 @@ pub enum RequestError {
         /// What is wrong.
         why: Garbage,
     },
-    /// The server has closed the connection.
+    /// The server has closed the connection: in the request, or before it was sent.
     #[error("the server has hung up on {request}")]
     HungUp {
         /// What was asked.
@@ -247,8 +247,8 @@ impl RequestError {
 pub enum Event {
     /// There is a connection.
     Connected,
-    /// The connection was closed for this reason; the client connects again. If the request was a
-    /// write, the event [`Event::WriteFailed`] came before.
+    /// The connection was closed for this reason; the client connects again. If a value was taken
+    /// for the request, the event [`Event::WriteFailed`] came before.
     Disconnected(RequestError),
     /// The server refuses to be read so. This comes once for a request, until it succeeds or is
     /// refused with another code.

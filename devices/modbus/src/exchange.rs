@@ -144,6 +144,10 @@ impl Exchange {
     async fn cycle(&mut self, points: &mut Points) -> luna::Result<Result<(), Broken>> {
         for writing in &mut points.writings {
             for _ in 0..writing.waiting() {
+                // A value that is taken for a closed connection could only fail.
+                if let Err(error) = self.check(writing.place())? {
+                    return Ok(self.disconnected(error));
+                }
                 let Some(taken) = writing.take()? else { break };
                 if self.frame.write(writing.place(), taken.raw).is_err() {
                     return Err(never_fits());
@@ -189,6 +193,17 @@ impl Exchange {
             }
         }
         Ok(Ok(()))
+    }
+
+    /// Whether the connection is open, before a value is taken for the place.
+    fn check(&mut self, place: Place) -> luna::Result<Result<(), RequestError>> {
+        let Some(connection) = &self.connection else {
+            return Ok(Ok(()));
+        };
+        if self.frame.write(place, [0; 2]).is_err() {
+            return Err(never_fits());
+        }
+        Ok(connection.check(self.frame.about))
     }
 
     /// Sends the frame, and waits for its answer.

@@ -1,9 +1,11 @@
 //! No value that is taken to be written is lost without a report.
 
-use crate::common::{Bench, SpawnOk, newest, until, with_files};
+use crate::common::{AT_ONCE, Bench, LONG, PERIOD, SpawnOk, newest, until, with_files};
 use luna::prelude::*;
 use luna_modbus::sim::Fault;
 use luna_modbus::{Code, Event, RequestError, holding};
+use std::io::{Read, Write};
+use std::net::TcpListener;
 
 #[test]
 fn a_refused_write_is_reported_with_its_value() {
@@ -87,6 +89,48 @@ fn a_write_without_an_answer_is_reported_and_not_repeated() {
     drop(device);
     system.run().unwrap();
     assert_eq!((counts.written(), counts.write_failures()), (2, 1));
+}
+
+#[test]
+fn a_connection_that_was_closed_meanwhile_takes_no_value() {
+    let Some(_watch) = with_files() else { return };
+    let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    let address = listener.local_addr().unwrap();
+    let server = std::thread::spawn(move || {
+        drop(listener.accept().unwrap());
+        let (mut second, _) = listener.accept().unwrap();
+        let mut request = [0; 12];
+        second.read_exact(&mut request).unwrap();
+        second.write_all(&request).unwrap();
+        request
+    });
+    let mut system = System::new("plant");
+    let device = luna_modbus::open(&system.devices(), address).unwrap();
+    let (event, events) = luna::buffered(Buffer::fifo(64));
+    let (set, setting) = luna::channel::<u16>();
+    let client = luna_modbus::client(&device, PERIOD, event)
+        .and_then(|client| client.timeout(LONG))
+        .and_then(|client| client.write(holding(3), setting))
+        .unwrap()
+        .reconnect(AT_ONCE);
+    let counts = client.counts();
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    main.process("user").spawn_ok(async move {
+        assert_eq!(events.recv().await?, Event::Connected);
+        // It is found without a request.
+        let Event::Disconnected(error) = events.recv().await? else {
+            panic!("no end")
+        };
+        assert!(matches!(error, RequestError::HungUp { .. }), "{error}");
+        set.send(0x102).await?;
+        assert_eq!(events.recv().await?, Event::Connected);
+        Ok(())
+    });
+    drop(device);
+    system.run().unwrap();
+    assert_eq!(server.join().unwrap()[6..], [1, 6, 0, 3, 1, 2]);
+    assert_eq!((counts.written(), counts.write_failures()), (1, 0));
 }
 
 #[test]
