@@ -48,8 +48,8 @@ pub fn client(
 ///
 /// It ends without an error when the other ends of all its points are gone, and all values to write
 /// are written or reported. A poisoned channel ends it with that error. The device is
-/// [lost](Device::lost) when the attempts of [`reconnect`](Self::reconnect) are used up. The values
-/// that are buffered then are counted as [failures](Counts::write_failures), and reported if
+/// [lost](Device::lost) when the attempts of [`reconnect`](Self::reconnect) are used up, for the
+/// reason why the last one failed, or why the last connection ended. The values that are buffered then are counted as [failures](Counts::write_failures), and reported if
 /// `events` has room; those that are sent later are lost with their channels.
 ///
 /// Off the real-time path: it allocates, and connecting takes a buddy thread. Spawn it on an

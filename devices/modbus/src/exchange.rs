@@ -24,6 +24,8 @@ pub(crate) struct Exchange {
     values: Vec<u16>,
     timeout: Duration,
     events: Sender<Event>,
+    /// Why the last connection ended.
+    broken_by: Option<RequestError>,
     /// Reports that are still to be sent, the oldest first.
     pending: VecDeque<Event>,
     counts: Counts,
@@ -47,6 +49,7 @@ impl Exchange {
             values: Vec::new(),
             timeout,
             events,
+            broken_by: None,
             pending: VecDeque::new(),
             counts,
         }
@@ -123,6 +126,10 @@ impl Exchange {
         device: &Device<ModbusServer>,
         error: LinkError,
     ) -> Error {
+        let error = match (error, self.broken_by.take()) {
+            (LinkError::NoAttemptLeft { .. }, Some(reason)) => Error::other(reason),
+            (error, _) => error.into(),
+        };
         let lost = device.lost(error);
         for writing in &mut points.writings {
             // Not more: its senders may still be there.
@@ -229,6 +236,7 @@ impl Exchange {
 
     fn disconnected(&mut self, error: RequestError) -> Result<(), Broken> {
         self.connection = None;
+        self.broken_by = Some(error.clone());
         self.pending.push_back(Event::Disconnected(error));
         Err(Broken)
     }
