@@ -130,14 +130,19 @@ pub(crate) struct Block {
 }
 
 impl Points {
-    /// Makes the requests anew: some points have gone, or came.
+    /// Makes the requests anew: some points have gone, or came. A request that stays keeps what was
+    /// reported of it.
     pub(crate) fn arrange(&mut self) {
         self.readings.sort_by_key(|reading| {
             let place = reading.place();
             (place.table, place.address)
         });
         let places: Vec<Place> = self.readings.iter().map(|point| point.place()).collect();
-        self.blocks = blocks(&places);
+        let before = std::mem::replace(&mut self.blocks, blocks(&places));
+        for block in &mut self.blocks {
+            let same = before.iter().find(|old| old.place == block.place);
+            block.refused = same.and_then(|old| old.refused);
+        }
     }
 
     /// Forgets points whose other ends are gone. Returns whether there are any left.

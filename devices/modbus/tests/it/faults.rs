@@ -15,9 +15,11 @@ fn a_refused_read_is_reported_once_and_the_others_go_on() {
     let (bench, client) = Bench::new();
     let (absent, nothing) = newest::<u16>();
     let (value, values) = newest::<u16>();
+    let (leaving, left) = newest::<u16>();
     let client = client
         .read(input(5_000), absent)
         .and_then(|client| client.read(input(0), value))
+        .and_then(|client| client.read(input(10), leaving))
         .unwrap();
     let counts = client.counts();
     let Bench {
@@ -38,6 +40,8 @@ fn a_refused_read_is_reported_once_and_the_others_go_on() {
         assert_eq!((request.address, request.count), (5_000, 1));
         let code = Code::IllegalAddress;
         assert_eq!(error, RequestError::Exception { request, code });
+        // Then the requests are made anew.
+        drop(left);
         for number in 1..10 {
             plc.set(input(0), number)?;
             until(&values, number).await?;
