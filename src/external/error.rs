@@ -78,6 +78,13 @@ pub enum LinkError {
         /// Why the last one failed.
         error: OsError,
     },
+    /// No more attempts to connect are made, and the last one did not fail: it gave a connection
+    /// that is of no use any more, or it was cancelled.
+    #[error("no attempt to connect is left after {attempts}")]
+    NoAttemptLeft {
+        /// How many there were since the last useful connection.
+        attempts: u32,
+    },
 }
 
 impl LinkError {

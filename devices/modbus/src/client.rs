@@ -15,8 +15,11 @@ use std::time::Duration;
 /// Creates a client of a server, which in each `period` writes what waits and reads all points.
 ///
 /// Points are added with [`read`](Client::read) and [`write`](Client::write). `events` gets what
-/// goes wrong: a process has to take it from there, or the client waits for that. Give it a buffer
-/// ([`luna::buffered`]).
+/// goes wrong. Give it a buffer ([`luna::buffered`]), and a process that takes the reports. While
+/// `events` is full the client waits over its connection: it neither reads nor writes, and does not
+/// find that the server has gone. Connecting, and the loss of the device, do not wait for it. With
+/// [`Buffer::overwrite_oldest`](luna::Buffer::overwrite_oldest) the client never waits, and the
+/// oldest reports are lost.
 ///
 /// # Errors
 ///
@@ -45,7 +48,9 @@ pub fn client(
 ///
 /// It ends without an error when the other ends of all its points are gone, and all values to write
 /// are written or reported. A poisoned channel ends it with that error. The device is
-/// [lost](Device::lost) when the attempts of [`reconnect`](Self::reconnect) are used up.
+/// [lost](Device::lost) when the attempts of [`reconnect`](Self::reconnect) are used up, for the
+/// reason why the last one failed, or why the last connection ended. The values that are buffered then are counted as [failures](Counts::write_failures), and reported if
+/// `events` has room; those that are sent later are lost with their channels.
 ///
 /// Off the real-time path: it allocates, and connecting takes a buddy thread. Spawn it on an
 /// executor without real-time policy. It blocks no executor.
@@ -117,12 +122,12 @@ impl Client {
     }
 
     /// Writes the values of a channel to a point. In a cycle it takes those that wait at its
-    /// begin, at most 16, in their order: so a value waits for a period and the requests of a cycle
-    /// at most.
+    /// begin, at most 16, in their order; more wait for the next cycles.
     ///
     /// Each value that is taken is confirmed by the server ([counted](Counts::written)), or
-    /// reported by [`Event::WriteFailed`]; it is never written twice. While there is no connection
-    /// no value is taken. A sender never waits with
+    /// reported by [`Event::WriteFailed`], unless the client is cancelled, a channel is poisoned,
+    /// or the device is lost while `events` is full. It is never written twice. While there is no
+    /// connection, or the server has closed it, no value is taken. A sender never waits with
     /// [`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest), which keeps the newest
     /// value alone.
     ///

@@ -1,7 +1,7 @@
 //! One connection: a request, and its answer.
 
 use crate::frame::{Answer, Frame, HEADER};
-use crate::{Garbage, RequestError};
+use crate::{Garbage, Request, RequestError};
 use luna::Instant;
 use luna::external::{FileError, readable, writable};
 use luna::realtime::off_path;
@@ -31,10 +31,17 @@ enum Stop {
 
 impl From<io::Error> for Stop {
     fn from(error: io::Error) -> Self {
-        match error.kind() {
-            ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => Stop::HungUp,
-            _ => Stop::Failed(error),
-        }
+        Stop::Failed(error)
+    }
+}
+
+fn failed(request: Request, error: io::Error) -> RequestError {
+    match error.kind() {
+        ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => RequestError::HungUp { request },
+        _ => RequestError::Failed {
+            request,
+            error: error.into(),
+        },
     }
 }
 
@@ -68,12 +75,22 @@ impl Connection {
             Err(Stop::TimedOut) => RequestError::TimedOut { request, limit },
             Err(Stop::HungUp) => RequestError::HungUp { request },
             Err(Stop::Garbage(why)) => RequestError::Garbage { request, why },
-            Err(Stop::Failed(error)) => RequestError::Failed {
-                request,
-                error: error.into(),
-            },
+            Err(Stop::Failed(error)) => failed(request, error),
             Err(Stop::Wait(error)) => RequestError::Wait { request, error },
         })
+    }
+
+    /// Finds that the server has closed the connection, before a request is sent. What else came
+    /// is left to the next exchange.
+    pub(crate) fn check(&self, request: Request) -> Result<(), RequestError> {
+        match off_path(|| self.stream.peek(&mut [0])) {
+            Ok(0) => Err(RequestError::HungUp { request }),
+            Ok(_) => Ok(()),
+            Err(error) => match error.kind() {
+                ErrorKind::WouldBlock | ErrorKind::Interrupted => Ok(()),
+                _ => Err(failed(request, error)),
+            },
+        }
     }
 
     /// Returns the length of the answer.

@@ -59,7 +59,8 @@ counters! {
     dropped, add_dropped;
     /// Values that the server has confirmed.
     written, add_written;
-    /// Values that it has not: each is an [`Event::WriteFailed`](crate::Event::WriteFailed).
+    /// Values that it has not: each is an [`Event::WriteFailed`](crate::Event::WriteFailed), unless
+    /// the device is lost while the channel of the events is full.
     write_failures, add_write_failure;
     /// Exceptions, of reads and writes.
     exceptions, add_exception;

@@ -61,7 +61,10 @@ impl fmt::Display for Request {
     }
 }
 
-/// The code of an exception: why a server refuses.
+/// The code of an exception: why a server does not answer as asked.
+///
+/// By the protocol, codes 1, 2, 3, 6 and 10 say that nothing was done. After 4, 5, 8, 11 and codes
+/// that it does not name, a write may have its effect, or a part of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Code {
@@ -71,9 +74,9 @@ pub enum Code {
     IllegalAddress,
     /// 3: it does not take this value, or this count.
     IllegalValue,
-    /// 4: it failed.
+    /// 4: it failed, maybe after a part was done.
     DeviceFailure,
-    /// 5: it needs a long time, and has begun.
+    /// 5: it has accepted the request, and needs a long time for it.
     Acknowledge,
     /// 6: it is busy; ask again.
     Busy,
@@ -81,7 +84,7 @@ pub enum Code {
     MemoryParity,
     /// 10: a gateway has no path to the unit.
     NoPath,
-    /// 11: the unit behind a gateway does not answer.
+    /// 11: the unit behind a gateway does not answer; it may have done what was asked.
     NoAnswerBehindGateway,
     /// A code that the protocol does not name.
     Other(u8),
@@ -128,7 +131,7 @@ impl fmt::Display for Code {
             Code::IllegalAddress => "it has no such address",
             Code::IllegalValue => "it does not take this value",
             Code::DeviceFailure => "the device failed",
-            Code::Acknowledge => "it has begun and needs a long time",
+            Code::Acknowledge => "it has accepted, and needs a long time",
             Code::Busy => "it is busy",
             Code::MemoryParity => "its memory has an error",
             Code::NoPath => "the gateway has no path to the unit",
@@ -167,12 +170,12 @@ pub enum Garbage {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RequestError {
-    /// The server refuses. The connection stays.
-    #[error("the server refuses {request}: {code}")]
+    /// The server answers by an exception. The connection stays.
+    #[error("the server answers {request} by {code}")]
     Exception {
         /// What was asked.
         request: Request,
-        /// Why it refuses.
+        /// Which one.
         code: Code,
     },
     /// No complete answer came in time. The connection is closed, since a late answer is of no use.
@@ -191,7 +194,7 @@ pub enum RequestError {
         /// What is wrong.
         why: Garbage,
     },
-    /// The server has closed the connection.
+    /// The server has closed the connection: in the request, or before it was sent.
     #[error("the server has hung up on {request}")]
     HungUp {
         /// What was asked.
@@ -247,15 +250,15 @@ impl RequestError {
 pub enum Event {
     /// There is a connection.
     Connected,
-    /// The connection was closed for this reason; the client connects again. If the request was a
-    /// write, the event [`Event::WriteFailed`] came before.
+    /// The connection was closed for this reason; the client connects again. If a value was taken
+    /// for the request, the event [`Event::WriteFailed`] came before.
     Disconnected(RequestError),
     /// The server refuses to be read so. This comes once for a request, until it succeeds or is
     /// refused with another code.
     ReadRefused(RequestError),
-    /// A value that was taken from a channel was not confirmed. It is not written again. After an
-    /// exception, and without a connection, the server has not taken it; after any other error it
-    /// may have.
+    /// A value that was taken from a channel was not confirmed. It is not written again. The server
+    /// has not taken it after [`RequestError::NotConnected`], and after an exception whose [`Code`]
+    /// says so; after any other error it may have.
     WriteFailed {
         /// The value; it is exact for all types.
         value: f64,
@@ -270,7 +273,33 @@ impl fmt::Display for Event {
             Event::Connected => f.write_str("connected"),
             Event::Disconnected(error) => write!(f, "disconnected: {error}"),
             Event::ReadRefused(error) => write!(f, "not read: {error}"),
-            Event::WriteFailed { value, error } => write!(f, "{value} was not written: {error}"),
+            Event::WriteFailed { value, error } => {
+                write!(f, "{value} was not confirmed: {error}")
+            }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_of_a_write_does_not_say_more_than_is_known() {
+        let request = Request {
+            function: 6,
+            table: Table::Holding,
+            address: 3,
+            count: 1,
+        };
+        let code = Code::Acknowledge;
+        let event = Event::WriteFailed {
+            value: 1.5,
+            error: RequestError::Exception { request, code },
+        };
+        assert_eq!(
+            event.to_string(),
+            "1.5 was not confirmed: the server answers function 6, holding register 3 by exception 5: it has accepted, and needs a long time"
+        );
     }
 }

@@ -2,12 +2,17 @@
 
 use crate::connection::Connection;
 use crate::frame::Frame;
+use crate::point::Place;
 use crate::points::{Points, Taken};
 use crate::{Counts, Event, ModbusServer, RequestError};
 use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Error, Sender};
 use luna_links::tcp::Connector;
+use std::collections::VecDeque;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
+use std::task::Poll;
 use std::time::Duration;
 
 /// What a running client works with.
@@ -19,10 +24,14 @@ pub(crate) struct Exchange {
     values: Vec<u16>,
     timeout: Duration,
     events: Sender<Event>,
+    /// Why the last connection ended.
+    broken_by: Option<RequestError>,
+    /// Reports that are still to be sent, the oldest first.
+    pending: VecDeque<Event>,
     counts: Counts,
 }
 
-/// The connection is closed; the reports are made.
+/// The connection is closed; its reports are pending.
 struct Broken;
 
 impl Exchange {
@@ -40,6 +49,8 @@ impl Exchange {
             values: Vec::new(),
             timeout,
             events,
+            broken_by: None,
+            pending: VecDeque::new(),
             counts,
         }
     }
@@ -54,16 +65,12 @@ impl Exchange {
         let mut next = luna::now();
         while points.forget_ended().await? {
             if self.connection.is_none() {
-                match points.unless_over(self.connector.connect()).await? {
+                match points.unless_over(self.connect()).await? {
                     None => return self.report_leftovers(points).await,
-                    Some(Ok(stream)) => match Connection::new(stream) {
+                    Some(made) => match made? {
                         Ok(connection) => self.connection = Some(connection),
-                        Err(error) => return Err(device.lost(LinkError::SetUp(error.into()))),
+                        Err(error) => return Err(self.give_up(points, device, error)),
                     },
-                    Some(Err(error)) => {
-                        self.report_leftovers(points).await?;
-                        return Err(device.lost(error));
-                    }
                 }
                 self.counts.add_connection();
                 self.report(Event::Connected).await?;
@@ -80,12 +87,74 @@ impl Exchange {
             // If all channels have ended, the loop writes what is left in them.
             points.unless_over(luna::at(next)).await?;
         }
-        Ok(())
+        self.report_pending().await
+    }
+
+    /// The next connection. Meanwhile it reports how the last one ended: the attempts do not wait
+    /// for the reader of the events, so neither does the loss of the device.
+    async fn connect(&mut self) -> luna::Result<Result<Connection, LinkError>> {
+        let Self {
+            connector,
+            events,
+            pending,
+            ..
+        } = self;
+        let mut reporting = pin!(send_all(events, pending));
+        let mut connecting = pin!(connector.connect());
+        let mut is_reported = false;
+        let made = poll_fn(|cx| {
+            if !is_reported && let Poll::Ready(sent) = reporting.as_mut().poll(cx) {
+                is_reported = true;
+                sent?;
+            }
+            connecting.as_mut().poll(cx).map(Ok::<_, Error>)
+        })
+        .await?;
+        if made.is_ok() && !is_reported {
+            reporting.await?;
+        }
+        Ok(made.and_then(|stream| {
+            Connection::new(stream).map_err(|error| LinkError::SetUp(error.into()))
+        }))
+    }
+
+    /// The device is lost. That does not wait for the reader of the events: reports that have no
+    /// room are dropped.
+    fn give_up(
+        &mut self,
+        points: &mut Points,
+        device: &Device<ModbusServer>,
+        error: LinkError,
+    ) -> Error {
+        let error = match (error, self.broken_by.take()) {
+            (LinkError::NoAttemptLeft { .. }, Some(reason)) => Error::other(reason),
+            (error, _) => error.into(),
+        };
+        let lost = device.lost(error);
+        for writing in &mut points.writings {
+            // Not more: its senders may still be there.
+            for _ in 0..writing.buffered() {
+                let Ok(Some(taken)) = writing.take() else {
+                    break;
+                };
+                if self.not_connected(writing.place(), &taken).is_err() {
+                    break;
+                }
+            }
+        }
+        for event in self.pending.drain(..) {
+            let _ = self.events.try_send(event);
+        }
+        lost
     }
 
     async fn cycle(&mut self, points: &mut Points) -> luna::Result<Result<(), Broken>> {
         for writing in &mut points.writings {
             for _ in 0..writing.waiting() {
+                // A value that is taken for a closed connection could only fail.
+                if let Err(error) = self.check(writing.place())? {
+                    return Ok(self.disconnected(error));
+                }
                 let Some(taken) = writing.take()? else { break };
                 if self.frame.write(writing.place(), taken.raw).is_err() {
                     return Err(never_fits());
@@ -93,10 +162,11 @@ impl Exchange {
                 match self.ask().await {
                     Ok(()) => self.counts.add_written(),
                     Err(error) => {
-                        self.report_failure(&taken, error.clone()).await?;
+                        self.write_failed(&taken, error.clone());
                         if !error.keeps_connection() {
-                            return self.disconnected(error).await;
+                            return Ok(self.disconnected(error));
                         }
+                        self.report_pending().await?;
                     }
                 }
             }
@@ -120,7 +190,7 @@ impl Exchange {
                     (None, None)
                 }
                 Err(error @ RequestError::Exception { code, .. }) => (Some(code), Some(error)),
-                Err(error) => return self.disconnected(error).await,
+                Err(error) => return Ok(self.disconnected(error)),
             };
             let is_new = std::mem::replace(&mut block.refused, code) != code;
             if let Some(error) = error
@@ -130,6 +200,17 @@ impl Exchange {
             }
         }
         Ok(Ok(()))
+    }
+
+    /// Whether the connection is open, before a value is taken for the place.
+    fn check(&mut self, place: Place) -> luna::Result<Result<(), RequestError>> {
+        let Some(connection) = &self.connection else {
+            return Ok(Ok(()));
+        };
+        if self.frame.write(place, [0; 2]).is_err() {
+            return Err(never_fits());
+        }
+        Ok(connection.check(self.frame.about))
     }
 
     /// Sends the frame, and waits for its answer.
@@ -153,40 +234,61 @@ impl Exchange {
         answered
     }
 
-    async fn disconnected(&mut self, error: RequestError) -> luna::Result<Result<(), Broken>> {
+    fn disconnected(&mut self, error: RequestError) -> Result<(), Broken> {
         self.connection = None;
-        self.report(Event::Disconnected(error)).await?;
-        Ok(Err(Broken))
+        self.broken_by = Some(error.clone());
+        self.pending.push_back(Event::Disconnected(error));
+        Err(Broken)
     }
 
-    async fn report_failure(&mut self, taken: &Taken, error: RequestError) -> luna::Result<()> {
+    fn write_failed(&mut self, taken: &Taken, error: RequestError) {
         self.counts.add_write_failure();
         let value = taken.number;
-        self.report(Event::WriteFailed { value, error }).await
+        self.pending.push_back(Event::WriteFailed { value, error });
     }
 
-    /// Without a connection, and at the end: reports the values that wait.
-    async fn report_leftovers(&mut self, points: &mut Points) -> luna::Result<()> {
-        for writing in &mut points.writings {
-            while let Some(taken) = writing.take()? {
-                if self.frame.write(writing.place(), taken.raw).is_err() {
-                    return Err(never_fits());
-                }
-                let request = self.frame.about;
-                let error = RequestError::NotConnected { request };
-                self.report_failure(&taken, error).await?;
-            }
+    /// Without a connection: the value is not sent.
+    fn not_connected(&mut self, place: Place, taken: &Taken) -> luna::Result<()> {
+        if self.frame.write(place, taken.raw).is_err() {
+            return Err(never_fits());
         }
+        let request = self.frame.about;
+        self.write_failed(taken, RequestError::NotConnected { request });
         Ok(())
     }
 
-    /// Waits until the event is taken. Without a receiver it is only counted.
+    /// At the end without a connection: reports the values that wait. Their senders are gone.
+    async fn report_leftovers(&mut self, points: &mut Points) -> luna::Result<()> {
+        for writing in &mut points.writings {
+            while let Some(taken) = writing.take()? {
+                self.not_connected(writing.place(), &taken)?;
+                self.report_pending().await?;
+            }
+        }
+        self.report_pending().await
+    }
+
     async fn report(&mut self, event: Event) -> luna::Result<()> {
-        match self.events.send(event).await {
-            Err(error) if error.is_poisoned() => Err(Error::Poisoned),
-            _ => Ok(()),
+        self.pending.push_back(event);
+        self.report_pending().await
+    }
+
+    async fn report_pending(&mut self) -> luna::Result<()> {
+        send_all(&self.events, &mut self.pending).await
+    }
+}
+
+/// Waits until all are taken. Without a receiver they are only counted. If it is dropped, those that
+/// were not taken stay.
+async fn send_all(events: &Sender<Event>, pending: &mut VecDeque<Event>) -> luna::Result<()> {
+    while let Some(event) = pending.front() {
+        let sent = events.send(event.clone()).await;
+        pending.pop_front();
+        if sent.is_err_and(|error| error.is_poisoned()) {
+            return Err(Error::Poisoned);
         }
     }
+    Ok(())
 }
 
 /// Points are within their tables, and blocks within a frame.

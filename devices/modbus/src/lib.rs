@@ -42,8 +42,8 @@
 //!
 //! | what happens | the client | counted |
 //! | --- | --- | --- |
-//! | the server refuses a read | reports it once, and asks again in each cycle | `exceptions` |
-//! | the server refuses a write | reports it with the value | `exceptions`, `write_failures` |
+//! | the server answers a read by an exception | reports it once, and asks again in each cycle | `exceptions` |
+//! | the server answers a write by an exception | reports it with the value | `exceptions`, `write_failures` |
 //! | no answer in time | closes the connection, reports it, connects again | `timeouts` |
 //! | an answer makes no sense | the same | `garbage` |
 //! | the server goes away | the same, with the pauses of `Reconnect` | `connections` |

@@ -27,6 +27,8 @@ pub(crate) trait Writing: Send {
     fn place(&self) -> Place;
     /// How many values a cycle may take: those that wait at its begin.
     fn waiting(&self) -> usize;
+    /// How many values are in the channel, without those of senders that wait.
+    fn buffered(&self) -> usize;
     /// A value that waits.
     fn take(&mut self) -> luna::Result<Option<Taken>>;
     /// Resolves when its senders are gone; values may be left.
@@ -78,7 +80,11 @@ impl<T: Value> Writing for WritePoint<T> {
 
     fn waiting(&self) -> usize {
         // A sender without a buffer waits too.
-        self.receiver.buffered().clamp(1, WRITES)
+        self.buffered().clamp(1, WRITES)
+    }
+
+    fn buffered(&self) -> usize {
+        self.receiver.buffered()
     }
 
     fn take(&mut self) -> luna::Result<Option<Taken>> {
@@ -124,14 +130,19 @@ pub(crate) struct Block {
 }
 
 impl Points {
-    /// Makes the requests anew: some points have gone, or came.
+    /// Makes the requests anew: some points have gone, or came. A request that stays keeps what was
+    /// reported of it.
     pub(crate) fn arrange(&mut self) {
         self.readings.sort_by_key(|reading| {
             let place = reading.place();
             (place.table, place.address)
         });
         let places: Vec<Place> = self.readings.iter().map(|point| point.place()).collect();
-        self.blocks = blocks(&places);
+        let before = std::mem::replace(&mut self.blocks, blocks(&places));
+        for block in &mut self.blocks {
+            let same = before.iter().find(|old| old.place == block.place);
+            block.refused = same.and_then(|old| old.refused);
+        }
     }
 
     /// Forgets points whose other ends are gone. Returns whether there are any left.

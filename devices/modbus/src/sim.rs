@@ -9,6 +9,7 @@ use rmodbus::server::ModbusFrame;
 use rmodbus::server::context::ModbusContext;
 use rmodbus::server::storage::ModbusStorage;
 use rmodbus::{ErrorKind, ModbusProto};
+use std::collections::HashMap;
 use std::fmt;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -56,7 +57,8 @@ struct State {
     fault: Fault,
     requests: u64,
     is_stopped: bool,
-    connections: Vec<TcpStream>,
+    /// Those that are open, by their numbers.
+    connections: HashMap<u64, TcpStream>,
 }
 
 impl Shared {
@@ -89,7 +91,7 @@ impl Server {
                 fault: Fault::None,
                 requests: 0,
                 is_stopped: false,
-                connections: Vec::new(),
+                connections: HashMap::new(),
             }),
         });
         let own = shared.clone();
@@ -167,7 +169,7 @@ impl Drop for Server {
         {
             let mut state = self.shared.state();
             state.is_stopped = true;
-            for connection in state.connections.drain(..) {
+            for (_, connection) in state.connections.drain() {
                 let _ = connection.shutdown(Shutdown::Both);
             }
         }
@@ -196,6 +198,7 @@ fn beyond(_: ErrorKind) -> io::Error {
 }
 
 fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
+    let mut number = 0;
     while let Ok((stream, _)) = listener.accept() {
         let Ok(other) = stream.try_clone() else {
             continue;
@@ -205,11 +208,13 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
             if state.is_stopped {
                 return;
             }
-            state.connections.push(other);
+            number += 1;
+            state.connections.insert(number, other);
         }
         let shared = shared.clone();
         thread::spawn(move || {
             let _ = serve(&stream, &shared);
+            shared.state().connections.remove(&number);
             let _ = stream.shutdown(Shutdown::Both);
         });
     }
@@ -280,5 +285,22 @@ fn answer(request: &[u8], storage: &mut Storage) -> Vec<u8> {
     match done {
         Ok(()) => answer,
         Err(_) => refusal(request, Code::IllegalValue),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_connection_that_has_ended_is_not_kept() {
+        let server = Server::start().unwrap();
+        for _ in 0..3 {
+            let mut stream = TcpStream::connect(server.address()).unwrap();
+            stream.shutdown(Shutdown::Write).unwrap();
+            // The server closes it last.
+            assert_eq!(stream.read(&mut [0]).unwrap(), 0);
+            assert!(server.shared.state().connections.is_empty());
+        }
     }
 }

@@ -1,13 +1,13 @@
 //! When a connection is tried again, and how one is made.
 
 use super::{Origin, Reconnect};
-use luna::external::LinkError;
+use luna::external::{LinkError, OsError};
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::Duration;
 
 /// Connects to a server again and again, for a driver of your own whose protocol needs to know when
-/// a connection breaks. [`link`](super::link()) needs it not: it connects by itself.
+/// a connection breaks. A [`link`](super::link()) connects by itself.
 ///
 /// The pauses are those of [`Reconnect`]. A connection counts as a failed attempt until
 /// [`useful`](Self::useful) is called for it.
@@ -29,8 +29,8 @@ use std::time::Duration;
 pub struct Connector {
     origin: Origin,
     retry: Retry,
-    /// Of the last connection.
-    is_useful: bool,
+    /// Why the last of all attempts failed.
+    failed: Option<OsError>,
 }
 
 impl Connector {
@@ -39,7 +39,7 @@ impl Connector {
         Self {
             origin: Origin::Connect(server),
             retry: Retry::new(policy),
-            is_useful: false,
+            failed: None,
         }
     }
 
@@ -51,34 +51,29 @@ impl Connector {
     ///
     /// # Errors
     ///
-    /// [`LinkError::NotConnected`] when the attempts are used up, which includes connections that
-    /// were not useful; [`LinkError::HungUp`] if the policy is [`Reconnect::NEVER`] and there was a
-    /// connection.
+    /// When the attempts are used up: [`LinkError::NotConnected`] if the last one failed, with its
+    /// error; [`LinkError::NoAttemptLeft`] if it gave a connection that was not useful, or the only
+    /// one that [`Reconnect::NEVER`] allows, or was cancelled.
     pub async fn connect(&mut self) -> Result<TcpStream, LinkError> {
-        let is_used_up = self.retry.attempts > 0 && self.retry.is_last();
-        if is_used_up && self.is_useful {
-            return Err(LinkError::HungUp);
+        let attempts = self.retry.attempts;
+        if let Some(error) = self.failed {
+            return Err(LinkError::NotConnected { attempts, error });
         }
-        if is_used_up {
-            return Err(LinkError::NotConnected {
-                attempts: self.retry.attempts,
-                error: io::Error::from(io::ErrorKind::ConnectionAborted).into(),
-            });
+        if attempts > 0 && self.retry.is_last() {
+            return Err(LinkError::NoAttemptLeft { attempts });
         }
-        self.is_useful = false;
-        loop {
-            let stream = stream(&self.origin, &mut self.retry).await?;
-            if stream.set_nodelay(true).is_ok() {
-                return Ok(stream);
-            }
+        let made = stream(&self.origin, &mut self.retry).await;
+        if let Err(LinkError::NotConnected { error, .. }) = made {
+            self.failed = Some(error);
         }
+        made
     }
 
     /// The server answers over the connection: when it breaks, the next attempt is made at once.
     pub fn useful(&mut self) {
-        self.is_useful = true;
         if self.retry.policy != Reconnect::NEVER {
             self.retry = Retry::new(self.retry.policy);
+            self.failed = None;
         }
     }
 }
@@ -123,7 +118,13 @@ pub(super) async fn stream(origin: &Origin, retry: &mut Retry) -> Result<TcpStre
                 retry.next().await;
                 let (server, timeout) = (*server, retry.policy.timeout);
                 // The standard library connects only by waiting, so another thread does.
-                luna::blocking(move || TcpStream::connect_timeout(&server, timeout)).await
+                let connect = move || {
+                    let stream = TcpStream::connect_timeout(&server, timeout)?;
+                    // A small record must not wait for the next one.
+                    stream.set_nodelay(true)?;
+                    Ok(stream)
+                };
+                luna::blocking(connect).await
             }
             Origin::Listen(listener) => {
                 let made = accept(listener).await?;

@@ -4,11 +4,11 @@
 
 use crate::common;
 use common::{SpawnOk, run_to_loss, with_files};
-use luna::external::{Frame, Framing, Prefix};
+use luna::external::{Frame, Framing, LinkError, Prefix};
 use luna::prelude::*;
 use luna_links::OnBad;
-use luna_links::tcp::{self, Reconnect};
-use std::io::{Read, Write};
+use luna_links::tcp::{self, Connector, Reconnect};
+use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::Duration;
 
@@ -275,6 +275,61 @@ fn a_server_that_hangs_up_at_once_is_an_attempt_that_failed() {
     // A pause before each but the first, and after the useful connection. The server may see one
     // late, but none early.
     assert!(last - begun >= pause * 3, "{:?}", last - begun);
+}
+
+/// The results of a connector, until it gives an error; it takes no connection for useful but the
+/// first if `is_first_useful`.
+async fn used_up(mut connector: Connector, is_first_useful: bool) -> (u32, LinkError) {
+    let mut connections = 0;
+    loop {
+        match connector.connect().await {
+            Ok(_) => connections += 1,
+            Err(error) => {
+                // It stays so.
+                assert_eq!(connector.connect().await.unwrap_err(), error);
+                return (connections, error);
+            }
+        }
+        if connections == 1 && is_first_useful {
+            connector.useful();
+        }
+    }
+}
+
+#[test]
+fn a_connector_names_what_it_has_found() {
+    let Some(_watch) = with_files() else { return };
+    let listener = TcpListener::bind(any()).unwrap();
+    let open = listener.local_addr().unwrap();
+    let gone = TcpListener::bind(any()).unwrap().local_addr().unwrap();
+    let mut system = System::new("client");
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(async move {
+        let new = |address, attempts| Connector::new(address, AT_ONCE.attempts(attempts));
+        let attempts = 3;
+        let unused = LinkError::NoAttemptLeft { attempts };
+        assert_eq!(used_up(new(open, 3), false).await, (3, unused.clone()));
+        assert_eq!(used_up(new(open, 3), true).await, (4, unused));
+        let never = Connector::new(open, Reconnect::NEVER);
+        let once = LinkError::NoAttemptLeft { attempts: 1 };
+        assert_eq!(used_up(never, true).await, (1, once));
+        let error = ErrorKind::ConnectionRefused;
+        match used_up(new(gone, 3), false).await {
+            (
+                0,
+                LinkError::NotConnected {
+                    attempts: 3,
+                    error: found,
+                },
+            ) => {
+                assert_eq!(found.kind(), error);
+            }
+            other => panic!("{other:?}"),
+        }
+        Ok(())
+    });
+    system.run().unwrap();
+    drop(listener);
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! What a server does wrong, and where it goes.
 
-use crate::common::{AT_ONCE, Bench, SpawnOk, newest, until, with_files};
-use luna::End;
+use crate::common::{AT_ONCE, Bench, LONG, PERIOD, SpawnOk, newest, until, with_files};
 use luna::devices::DeviceState;
+use luna::{Buffer, End};
 use luna_modbus::sim::{self, Fault};
 use luna_modbus::{Code, Event, Garbage, RequestError, Table, coil, input};
 use std::io::ErrorKind;
@@ -15,9 +15,11 @@ fn a_refused_read_is_reported_once_and_the_others_go_on() {
     let (bench, client) = Bench::new();
     let (absent, nothing) = newest::<u16>();
     let (value, values) = newest::<u16>();
+    let (leaving, left) = newest::<u16>();
     let client = client
         .read(input(5_000), absent)
         .and_then(|client| client.read(input(0), value))
+        .and_then(|client| client.read(input(10), leaving))
         .unwrap();
     let counts = client.counts();
     let Bench {
@@ -38,6 +40,8 @@ fn a_refused_read_is_reported_once_and_the_others_go_on() {
         assert_eq!((request.address, request.count), (5_000, 1));
         let code = Code::IllegalAddress;
         assert_eq!(error, RequestError::Exception { request, code });
+        // Then the requests are made anew.
+        drop(left);
         for number in 1..10 {
             plc.set(input(0), number)?;
             until(&values, number).await?;
@@ -224,25 +228,63 @@ fn a_server_that_stays_away_is_a_lost_device_and_an_emergency() {
     let main = system.executor("main").build().unwrap();
     main.process("client").spawn_ok(client);
     switch.try_send(true).unwrap();
-    main.process("user").spawn_ok(async move {
-        let Event::WriteFailed { value, error } = events.recv().await? else {
-            panic!("no report")
-        };
-        assert_eq!(value, 1.0);
-        assert!(
-            matches!(error, RequestError::NotConnected { .. }),
-            "{error}"
-        );
-        std::future::pending::<()>().await;
-        drop((switch, values));
-        Ok(())
-    });
     drop(device);
     let error = system.run().unwrap_err().to_string();
     assert!(error.contains("no connection after 3 attempts"), "{error}");
     assert_eq!(system.report().unwrap().end, End::Emergency);
     assert_eq!(devices.list()[0].state, DeviceState::Closed);
     assert_eq!((counts.connections(), counts.write_failures()), (0, 1));
+    let Event::WriteFailed { value, error } = events.try_recv().unwrap() else {
+        panic!("no report")
+    };
+    assert_eq!(value, 1.0);
+    assert!(
+        matches!(error, RequestError::NotConnected { .. }),
+        "{error}"
+    );
+    drop((switch, values));
+}
+
+#[test]
+fn the_loss_does_not_wait_for_the_reader_of_the_events() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, _) = Bench::new();
+    let (event, events) = luna::buffered(Buffer::fifo(1));
+    let (value, values) = newest::<u16>();
+    let (switch, switches) = luna::buffered::<bool>(Buffer::fifo(4));
+    let client = luna_modbus::client(&bench.device, PERIOD, event)
+        .and_then(|client| client.timeout(LONG))
+        .and_then(|client| client.read(input(0), value))
+        .and_then(|client| client.write(coil(0), switches))
+        .unwrap()
+        .reconnect(AT_ONCE.attempts(3));
+    let counts = client.counts();
+    let Bench {
+        plc,
+        mut system,
+        device,
+        ..
+    } = bench;
+    let main = system.executor("main").build().unwrap();
+    main.process("client").spawn_ok(client);
+    let kept = switch.clone();
+    main.process("user").spawn_ok(async move {
+        values.recv().await?;
+        plc.stop();
+        for is_on in [true, false, true] {
+            switch.try_send(is_on).unwrap();
+        }
+        std::future::pending().await
+    });
+    drop(device);
+    let error = system.run().unwrap_err().to_string();
+    assert!(error.contains("no connection after 3 attempts"), "{error}");
+    assert_eq!(system.report().unwrap().end, End::Emergency);
+    assert_eq!(counts.write_failures(), 3);
+    // The others had no room.
+    assert_eq!(events.try_recv(), Ok(Event::Connected));
+    assert!(events.try_recv().is_err());
+    drop(kept);
 }
 
 #[test]
@@ -266,6 +308,7 @@ fn a_server_that_hangs_up_at_once_uses_up_the_attempts() {
     main.process("client").spawn_ok(client);
     drop(device);
     let error = system.run().unwrap_err().to_string();
-    assert!(error.contains("no connection after 3 attempts"), "{error}");
+    let reason = "the server has hung up on function 4, input register 0";
+    assert!(error.contains(reason), "{error}");
     assert_eq!(counts.connections(), 3);
 }

@@ -4,5 +4,6 @@
 
 mod common;
 mod faults;
+mod recorder;
 mod traffic;
 mod writes;
