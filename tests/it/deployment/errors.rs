@@ -193,10 +193,13 @@ fn a_thread_with_a_deadline_cannot_be_pinned_by_the_file() {
     assert_eq!(error.to_string(), expected);
 }
 
-// Without the backend for Linux a program cannot be pinned, and its own core is not looked at.
 #[test]
 fn the_machine_must_have_the_core() {
     let _watch = watchdog();
+    if !crate::common::COMPLETE {
+        println!("skipped: without the backend for Linux no core is looked at");
+        return;
+    }
     let file = TempFile::with("core", "[executor.main]\n\ncore = 4000\n");
     let mut system = System::new("machine");
     system.deployment_from(&file.0).unwrap();
@@ -209,8 +212,5 @@ fn the_machine_must_have_the_core() {
     let mut system = System::new("machine");
     system.deployment_from(&file.0).unwrap();
     assert!(system.executor("main").core(4000).build().is_ok());
-    assert_eq!(
-        system.executor("other").core(4000).build().is_err(),
-        crate::common::COMPLETE
-    );
+    assert!(system.executor("other").core(4000).build().is_err());
 }
