@@ -2,7 +2,7 @@
 
 use crate::error::{OpenError, StepError};
 use crate::exchange::Exchange;
-use crate::{Expected, Found, Link, Wire};
+use crate::{Expected, Found, Link, Wire, sdo};
 use ethercrab::error::{Error, Item};
 use ethercrab::subdevice_group::{NoDc, PreOp, PreOpPdi};
 use ethercrab::{
@@ -19,6 +19,8 @@ pub(crate) const MAX_SUBDEVICES: usize = 64;
 pub(crate) const MAX_DATA: usize = 1466;
 /// Frames that may be under way at once.
 const FRAMES: usize = 4;
+/// How long a mailbox may take to be free, and to answer.
+const MAILBOX: Duration = Duration::from_secs(1);
 const FRAME_SIZE: usize = PduStorage::element_size(1486);
 /// How often the reference clock is sent around before a bus is used.
 const CLOCK_FRAMES: u32 = 10_000;
@@ -149,7 +151,8 @@ fn find(wire: &Wire) -> Result<(Box<MainDevice<'static>>, Exchange, Reached), Op
     let timeouts = Timeouts {
         pdu: Duration::from_millis(100),
         eeprom: Duration::from_secs(1),
-        mailbox_echo: Duration::from_secs(1),
+        mailbox_echo: MAILBOX,
+        mailbox_response: MAILBOX,
         ..Timeouts::default()
     };
     let main = Box::new(MainDevice::new(pdus, timeouts, config));
@@ -251,6 +254,7 @@ impl Bus {
                 subdevice.set_dc_sync(DcSync::Sync0);
             }
         }
+        sdo::configure(&main, &mut exchange, &group, expected)?;
         let step = "mapping process data";
         let mapping = Box::pin(group.into_pre_op_pdi(&main));
         let group = match block_on(&mut exchange, mapping) {
@@ -303,7 +307,7 @@ fn compare(expected: &[Expected], found: &[Found]) -> Result<(), OpenError> {
             (Some(expected), Some(found)) => {
                 return Err(OpenError::Mismatch {
                     position,
-                    expected: expected.clone(),
+                    expected: Box::new(expected.clone()),
                     found: found.clone(),
                 });
             }

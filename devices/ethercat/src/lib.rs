@@ -75,6 +75,7 @@ mod neutral;
 mod port;
 mod process;
 mod sample;
+mod sdo;
 pub mod sim;
 mod socket;
 mod state;
@@ -82,7 +83,7 @@ mod timer;
 mod value;
 
 pub use bus::{Bus, BusDevice, open, scan};
-pub use error::{LinkError, OpenError, Place, StepError};
+pub use error::{LinkError, OpenError, Place, SdoError, StepError};
 pub use expected::{Expected, Found};
 pub use fault::Fault;
 pub use health::Health;
@@ -91,6 +92,7 @@ pub use neutral::Neutral;
 pub use port::Wire;
 pub use process::BusProcess;
 pub use sample::Sample;
+pub use sdo::{Sdo, SdoValue};
 pub use state::State;
 pub use value::Value;
 
