@@ -10,7 +10,9 @@ use ethercrab::{
     SubDevice, SubDeviceGroup, Timeouts,
 };
 use luna::devices::{Device, DeviceError, DeviceManager, Sharing};
+use std::any::Any;
 use std::ops::Deref;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::time::Duration;
 
 /// The most subdevices of a bus.
@@ -203,6 +205,8 @@ fn describe(subdevice: &impl Deref<Target = SubDevice>) -> Found {
 /// A step that did not succeed.
 pub(crate) enum Failed {
     Bus(Error),
+    /// A subdevice has sent an emergency message in place of an answer.
+    Emergency,
     System(std::io::Error),
 }
 
@@ -210,6 +214,7 @@ impl Failed {
     pub(crate) fn at(self, step: &'static str) -> (&'static str, StepError) {
         let error = match self {
             Self::Bus(error) => error.into(),
+            Self::Emergency => StepError::Emergency,
             Self::System(error) => StepError::System(error),
         };
         (step, error)
@@ -227,10 +232,20 @@ pub(crate) fn block_on<T>(
     exchange: &mut Exchange,
     step: std::pin::Pin<Box<impl Future<Output = Result<T, Error>>>>,
 ) -> Result<T, Failed> {
-    match exchange.block_on(step) {
-        Ok(done) => done.map_err(Failed::Bus),
-        Err(error) => Err(Failed::System(error)),
+    // Of the exchange only buffers are changed, and a bus that has failed is not used again.
+    let outcome = catch_unwind(AssertUnwindSafe(|| exchange.block_on(step)));
+    match outcome {
+        Ok(Ok(done)) => done.map_err(Failed::Bus),
+        Ok(Err(error)) => Err(Failed::System(error)),
+        // The library asserts that no emergency message comes.
+        Err(panic) if is_emergency(&*panic) => Err(Failed::Emergency),
+        Err(panic) => resume_unwind(panic),
     }
+}
+
+fn is_emergency(panic: &(dyn Any + Send)) -> bool {
+    let text = panic.downcast_ref::<String>();
+    text.is_some_and(|text| text.contains("Emergency"))
 }
 
 impl Bus {

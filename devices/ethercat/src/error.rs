@@ -113,6 +113,10 @@ pub enum SdoError {
     /// Its mailbox, or the bus, does not answer in time.
     #[error("no answer came within a second: the subdevice hangs, or the cable is cut")]
     Silent,
+    /// It has sent something else than an answer: an emergency message (the library does not say
+    /// with what code), or that its mailbox has no CoE.
+    #[error("it sent something else than an answer: an emergency of its own, or it has no CoE")]
+    OtherMessage,
     /// It has another value than was expected.
     #[error("it is {there}")]
     Differs {
@@ -221,6 +225,9 @@ pub enum StepError {
     /// In the words of the library `ethercrab`.
     #[error("{0}")]
     Bus(String),
+    /// A subdevice has sent an emergency message in place of an answer.
+    #[error("a subdevice reports an emergency of its own: look at their displays")]
+    Emergency,
     /// The system cannot wait for the network interface.
     #[error("{0}")]
     System(#[source] io::Error),

@@ -11,13 +11,18 @@ use std::fmt;
 
 /// The value of an object of 1, 2 or 4 bytes: made of a number of that type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[allow(missing_docs, reason = "the names of the types")]
 pub enum SdoValue {
+    /// UNSIGNED8.
     U8(u8),
+    /// UNSIGNED16.
     U16(u16),
+    /// UNSIGNED32.
     U32(u32),
+    /// INTEGER8.
     I8(i8),
+    /// INTEGER16.
     I16(i16),
+    /// INTEGER32.
     I32(i32),
 }
 
@@ -73,6 +78,7 @@ conversions!(U8 u8 u8, U16 u16 u16, U32 u32 u32, I8 i8 u8, I16 i16 u16, I32 i32 
 
 /// An object that is to be written, or to be compared, at set-up: see [`Expected::sdo`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct Sdo {
     /// The object's index.
     pub index: u16,
@@ -107,6 +113,7 @@ pub(crate) fn configure(
             let error = match block_on(exchange, doing) {
                 Ok(there) if sdo.is_check && there != sdo.value => SdoError::Differs { there },
                 Ok(_) => continue,
+                Err(Failed::Emergency) => SdoError::OtherMessage,
                 Err(Failed::System(error)) => SdoError::System(error),
                 Err(Failed::Bus(error)) => error.into(),
             };
@@ -173,6 +180,11 @@ impl From<Error> for SdoError {
                 }
             }
             Error::Timeout(_) => Self::Silent,
+            // An emergency's code is read as a command.
+            Error::Wire(_)
+            | Error::Mailbox(
+                MailboxError::Emergency { .. } | MailboxError::SdoResponseInvalid { .. },
+            ) => Self::OtherMessage,
             other => Self::Bus(other.to_string()),
         }
     }

@@ -39,10 +39,17 @@ thread_local! {
 
 /// Polls by another clock than the thread's, at the time `now` (ns).
 pub(crate) fn at<T>(now: u64, poll: impl FnOnce() -> T) -> T {
-    let before = SET_UP_TIME.replace(Some(now));
-    let outcome = poll();
-    SET_UP_TIME.set(before);
-    outcome
+    /// Also when the library panics.
+    struct Back(Option<u64>);
+
+    impl Drop for Back {
+        fn drop(&mut self) {
+            SET_UP_TIME.set(self.0);
+        }
+    }
+
+    let _back = Back(SET_UP_TIME.replace(Some(now)));
+    poll()
 }
 
 /// 2000-01-01, when distributed clocks begin, after 1970-01-01 (ns).

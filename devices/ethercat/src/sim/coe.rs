@@ -12,6 +12,7 @@ const LENGTH: usize = MAILBOX_LENGTH as usize;
 /// The headers of the mailbox, of CoE and of the SDO, and four bytes of data.
 const MESSAGE: usize = 16;
 const COE: u8 = 3;
+const EMERGENCY: u8 = 1;
 const SDO_REQUEST: u8 = 2;
 const SDO_RESPONSE: u8 = 3;
 /// An answer to what is not CoE.
@@ -36,6 +37,8 @@ pub(super) struct Coe {
     signals: [Vec<u8>; 2],
     /// Requests are taken, and never answered.
     pub(super) hangs: bool,
+    /// The code of an emergency that is sent before the next answer.
+    pub(super) emergency: Option<u16>,
     counter: u8,
 }
 
@@ -53,6 +56,7 @@ impl Coe {
             dictionary,
             signals,
             hangs: false,
+            emergency: None,
             counter: 0,
         }
     }
@@ -104,6 +108,18 @@ impl Coe {
             return Ok(kind.with(bytes));
         }
         self.dictionary.read(index, sub)
+    }
+
+    /// The message of an emergency, if it has one to report.
+    pub(super) fn report(&mut self) -> Option<[u8; LENGTH]> {
+        let code = self.emergency.take()?;
+        let mut message = [0; LENGTH];
+        self.counter = self.counter % 7 + 1;
+        message[0] = 10;
+        message[5] = COE | self.counter << 4;
+        message[7] = EMERGENCY << 4;
+        message[8..10].copy_from_slice(&code.to_le_bytes());
+        Some(message)
     }
 
     /// Answers a request. None if it hangs. Returns also whether process data has another layout.

@@ -121,6 +121,16 @@ impl Network {
         });
     }
 
+    /// Lets a subdevice report an emergency with `code` over its mailbox, before its next answer.
+    /// Nothing if it has none.
+    pub fn report_emergency(&self, position: usize, code: u16) {
+        self.look(position, |esc, _| {
+            esc.coe
+                .iter_mut()
+                .for_each(|coe| coe.emergency = Some(code));
+        });
+    }
+
     /// The value of an object of its [`Dictionary`](super::Dictionary), if it has that.
     pub fn object(&self, position: usize, index: u16, sub: u8) -> Option<SdoValue> {
         let value = |esc: &mut Esc, _| esc.coe.as_ref()?.value(index, sub).ok();

@@ -2,7 +2,7 @@
 
 use crate::common::{self, DRIVE, PERIOD, SpawnOk, TERMINAL, register};
 use luna_ethercat::sim::{Application, Dictionary, Identity, Network, Nothing, Servo, SubDevice};
-use luna_ethercat::{Bus, Expected, OpenError, Sample, SdoError, SdoValue, State, Wire};
+use luna_ethercat::{Bus, Expected, OpenError, Sample, SdoError, SdoValue, State, StepError, Wire};
 use std::time::Duration;
 
 const MODE: u16 = 0x6060;
@@ -301,4 +301,42 @@ fn a_mailbox_that_never_answers() {
     assert!(text.contains("`drive`"), "{text}");
     assert!(text.contains("0x6060:00 = 8"), "{text}");
     assert_eq!(network.object(DRIVE, MODE, 0), Some(Servo::VELOCITY.into()));
+}
+
+#[test]
+fn a_drive_that_reports_an_emergency() {
+    let network = common::machine();
+    // The library panics at the first of them, and cannot decode the second.
+    for code in [0x3220, 0x7305] {
+        network.report_emergency(DRIVE, code);
+        let error = refused(&network, |drive| drive.sdo(MODE, 0, 8_i8));
+        assert!(matches!(error, SdoError::OtherMessage), "{error}");
+    }
+    network.report_emergency(DRIVE, 0x3220);
+    let error = open(&network, |drive| drive).unwrap_err();
+    let OpenError::Step {
+        error: StepError::Emergency,
+        ..
+    } = error
+    else {
+        panic!("{error}");
+    };
+    // It is reported once.
+    open(&network, |drive| drive.sdo(MODE, 0, 8_i8)).unwrap();
+}
+
+#[test]
+fn lost_frames_do_not_disturb_it() {
+    let network = common::machine();
+    network.lose_one_in(Some(9));
+    let list = |drive: Expected| {
+        drive
+            .sdo(MODE, 0, Servo::POSITION)
+            .sdo_list(OUTPUTS, &[0x1601_u16])
+            .sdo_list(INPUTS, &[0x1a01_u16])
+    };
+    let bus = open(&network, list).unwrap();
+    let found = &bus.subdevices()[DRIVE];
+    assert_eq!((found.outputs, found.inputs), (6, 7));
+    assert_eq!(network.object(DRIVE, MODE, 0), Some(Servo::POSITION.into()));
 }

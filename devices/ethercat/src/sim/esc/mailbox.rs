@@ -28,6 +28,11 @@ impl Esc {
         let Some(coe) = self.coe.as_mut().filter(|_| is_due) else {
             return;
         };
+        if let Some(message) = coe.report() {
+            self.memory[answers..answers + length].copy_from_slice(&message);
+            self.memory[STATUS[1]] |= FULL;
+            return;
+        }
         let request = &self.memory[requests..requests + length];
         let Some((answer, is_mapped)) = coe.answer(request, &mut *self.application, self.state)
         else {
