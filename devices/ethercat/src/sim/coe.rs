@@ -247,4 +247,82 @@ mod tests {
         copy(&[1, 2, 3], 8, &mut to, 0, 16);
         assert_eq!(to, [2, 3]);
     }
+
+    #[derive(Debug)]
+    struct Refuses;
+
+    impl Application for Refuses {
+        fn step(&mut self, _: Duration, _: &[u8], _: &mut [u8]) {}
+
+        fn configure(&mut self, _: u16, _: u8, value: SdoValue) -> Result<(), u32> {
+            if value == SdoValue::U16(0) {
+                return Err(abort::VALUE);
+            }
+            Ok(())
+        }
+    }
+
+    fn answer(coe: &mut Coe, request: [u8; MESSAGE], state: State) -> [u8; MESSAGE] {
+        let (answer, _) = coe.answer(&request, &mut Refuses, state).unwrap();
+        assert_eq!(answer[MESSAGE..], [0; LENGTH - MESSAGE]);
+        *answer.first_chunk().unwrap()
+    }
+
+    /// Messages as ETG.1000.6 has them: mailbox, CoE, command, index, sub-index, data.
+    #[test]
+    fn messages_are_those_of_the_standard() {
+        let dictionary = Dictionary::new()
+            .object(0x2001, 2, 0x0304_u16)
+            .output(0x7000, 1, 64)
+            .pdo(0x1600, &[(0x7000, 1)]);
+        let mut coe = Coe::new(dictionary);
+        let mut ask = |state, request| answer(&mut coe, request, state);
+        let write = [10, 0, 0, 0, 0, 0x13, 0, 0x20, 0x2b, 1, 0x20, 2, 9, 8, 0, 0];
+        let written = [10, 0, 0, 0, 0, 0x13, 0, 0x30, 0x60, 1, 0x20, 2, 0, 0, 0, 0];
+        assert_eq!(ask(State::Op, write), written);
+        let read = [10, 0, 0, 0, 0, 0x23, 0, 0x20, 0x40, 1, 0x20, 2, 0, 0, 0, 0];
+        let value = [10, 0, 0, 0, 0, 0x23, 0, 0x30, 0x4b, 1, 0x20, 2, 9, 8, 0, 0];
+        assert_eq!(ask(State::Op, read), value);
+        let mut aborts = |state, command: u8, index: u16, data: [u8; 4]| {
+            let [low, high] = index.to_le_bytes();
+            let mut request = [
+                10, 0, 0, 0, 0, 0x13, 0, 0x20, command, low, high, 0, 0, 0, 0, 0,
+            ];
+            request[11] = if index == 0x2001 {
+                2
+            } else {
+                u8::from(index == 0x7000)
+            };
+            request[12..].copy_from_slice(&data);
+            let answer = ask(state, request);
+            assert_eq!(answer[7..9], [0x20, 0x80]);
+            u32::from_le_bytes(*answer.last_chunk().unwrap())
+        };
+        let any = [1; 4];
+        let without_size = 0x22;
+        assert_eq!(
+            aborts(State::PreOp, without_size, 0x2001, any),
+            abort::TOO_LONG
+        );
+        let complete = 0x3b;
+        assert_eq!(
+            aborts(State::PreOp, complete, 0x2001, any),
+            abort::UNSUPPORTED
+        );
+        let normal = 0x21;
+        assert_eq!(aborts(State::PreOp, normal, 0x2001, any), abort::COMMAND);
+        assert_eq!(aborts(State::PreOp, 0x2b, 0x2001, [0; 4]), abort::VALUE);
+        assert_eq!(aborts(State::PreOp, 0x40, 0x7000, any), abort::TOO_LARGE);
+        // Process data has its layout outside of PRE-OP.
+        assert_eq!(aborts(State::SafeOp, 0x2f, 0x1c12, [0; 4]), abort::STATE);
+    }
+
+    #[test]
+    fn another_protocol_is_refused() {
+        let mut coe = Coe::new(Dictionary::new());
+        let mut request = [0; MESSAGE];
+        request[5] = 0x14; // FoE
+        let answer = answer(&mut coe, request, State::PreOp);
+        assert_eq!(answer[..10], [4, 0, 0, 0, 0, 0x10, 1, 0, 2, 0]);
+    }
 }

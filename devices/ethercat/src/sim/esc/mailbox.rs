@@ -80,3 +80,79 @@ impl Esc {
         self.serve_mailbox();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{AL_CONTROL, INVALID_MAILBOX};
+    use super::*;
+    use crate::sim::SubDevice;
+
+    const PRE_OP: [u8; 2] = [2, 0];
+    const UPLOAD: [u8; 12] = [10, 0, 0, 0, 0, 0x13, 0, 0x20, 0x40, 0x61, 0x60, 0];
+
+    fn write(esc: &mut Esc, at: u16, bytes: &[u8]) -> bool {
+        esc.write(at, bytes, 0, 0)
+    }
+
+    fn status(esc: &mut Esc) -> [bool; 2] {
+        STATUS.map(|status| {
+            let mut byte = [0];
+            assert!(esc.read(status as u16, &mut byte, 0));
+            byte[0] & 8 != 0
+        })
+    }
+
+    /// Sets its sync managers.
+    fn managers(esc: &mut Esc) {
+        for (unit, at, control) in [(0, REQUESTS_AT, 0x26), (1, ANSWERS_AT, 0x22)] {
+            let [low, high] = at.to_le_bytes();
+            let settings = [low, high, MAILBOX_LENGTH as u8, 0, control, 0, 1, 0];
+            assert!(write(esc, MANAGERS as u16 + 8 * unit, &settings));
+        }
+    }
+
+    #[test]
+    fn a_mailbox_is_full_from_its_last_byte_until_it_is_taken() {
+        let mut esc = Esc::new(SubDevice::servo(), 0, 0);
+        let mut request = [0; MAILBOX_LENGTH as usize];
+        request[..12].copy_from_slice(&UPLOAD);
+        let mut answer = request;
+        managers(&mut esc);
+        assert!(!write(&mut esc, REQUESTS_AT, &request), "in INIT");
+        assert!(write(&mut esc, AL_CONTROL, &PRE_OP));
+        assert!(!esc.read(ANSWERS_AT, &mut answer, 0), "it is empty");
+        assert!(write(&mut esc, REQUESTS_AT, &request[..12]));
+        assert_eq!(status(&mut esc), [false, false]);
+        assert!(write(&mut esc, REQUESTS_AT, &request));
+        assert_eq!(status(&mut esc), [false, true]);
+        // The next waits until this is taken, and a third has no room.
+        assert!(write(&mut esc, REQUESTS_AT, &request));
+        assert_eq!(status(&mut esc), [true, true]);
+        assert!(!write(&mut esc, REQUESTS_AT, &request));
+        for (counter, left) in [(1, [false, true]), (2, [false, false])] {
+            answer.fill(0);
+            assert!(esc.read(ANSWERS_AT, &mut answer[..20], 0), "a part of it");
+            answer.fill(0);
+            assert!(esc.read(ANSWERS_AT, &mut answer, 0));
+            assert_eq!((answer[5] >> 4, answer[8]), (counter, 0x4f));
+            assert_eq!(status(&mut esc), left);
+        }
+        assert!(!esc.read(ANSWERS_AT, &mut answer, 0));
+        assert!(!esc.read(REQUESTS_AT, &mut answer, 0));
+        assert!(!write(&mut esc, ANSWERS_AT, &request));
+    }
+
+    #[test]
+    fn it_needs_its_sync_managers() {
+        let mut esc = Esc::new(SubDevice::servo(), 0, 0);
+        assert!(write(&mut esc, AL_CONTROL, &PRE_OP));
+        assert_eq!((esc.state(), esc.code()), (State::Init, INVALID_MAILBOX));
+        managers(&mut esc);
+        assert!(write(&mut esc, AL_CONTROL, &[0x12, 0]));
+        assert_eq!((esc.state(), esc.code()), (State::PreOp, 0));
+        let mut terminal = Esc::new(SubDevice::digital(8, 0), 0, 0);
+        assert!(write(&mut terminal, AL_CONTROL, &PRE_OP));
+        assert_eq!(terminal.state(), State::PreOp);
+        assert!(!write(&mut terminal, REQUESTS_AT, &[0; 128]), "it has none");
+    }
+}
