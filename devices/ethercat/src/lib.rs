@@ -1,8 +1,9 @@
 //! EtherCAT as a link driver: process data as channels, distributed clocks as the source of a loop's
 //! ticks, and simulated subdevices.
 //!
-//! A [`Bus`] is opened at set-up ([`open`](open())): its subdevices are compared with a list, and
-//! their process data is mapped by the library ethercrab. A [`Link`] connects values of it to
+//! A [`Bus`] is opened at set-up ([`open`](open())): its subdevices are compared with a list, the
+//! objects of that list are written ([`Expected::sdo`]), and process data is mapped, all by the
+//! library ethercrab. A [`Link`] connects values of it to
 //! channels. Its [`process`](Link::process) is spawned like any other: in each period it sends one
 //! frame, and waits for the answer without blocking its executor. In an emergency the outputs get
 //! their safe values, and the bus goes to SAFE-OP ([`Neutral`]).
