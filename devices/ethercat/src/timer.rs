@@ -63,3 +63,20 @@ pub(crate) fn time_of_day() -> u64 {
         .unwrap_or(u64::MAX)
         .saturating_sub(EPOCH)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_is_the_threads_again_after_a_panic() {
+        let outcome = std::panic::catch_unwind(|| {
+            at(5_000, || {
+                assert_eq!(ThreadClock.now(), 5);
+                std::panic::resume_unwind(Box::new(()));
+            });
+        });
+        assert!(outcome.is_err());
+        assert_eq!(SET_UP_TIME.get(), None);
+    }
+}

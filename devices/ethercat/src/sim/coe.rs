@@ -75,8 +75,7 @@ impl Coe {
         to: &mut [u8],
     ) {
         let [outputs, inputs] = &mut self.signals;
-        // What is not mapped is zero.
-        outputs.fill(0);
+        // What is not mapped is zero: it was mapped in a state without outputs, if at all.
         for place in &self.layout[0] {
             copy(from, place.data, outputs, place.signal, place.bits);
         }

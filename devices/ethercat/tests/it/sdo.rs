@@ -8,6 +8,8 @@ use std::time::Duration;
 const MODE: u16 = 0x6060;
 const OUTPUTS: u16 = 0x1c12;
 const INPUTS: u16 = 0x1c13;
+/// Cycles in which values have come back.
+const ENOUGH: u32 = 1_000;
 
 /// Opens the bus of [`common::machine`] with SDOs for the drive.
 fn open(network: &Network, list: impl FnOnce(Expected) -> Expected) -> Result<Bus, OpenError> {
@@ -15,7 +17,7 @@ fn open(network: &Network, list: impl FnOnce(Expected) -> Expected) -> Result<Bu
     Bus::open(&Wire::simulated(network), &[terminal, list(drive)])
 }
 
-/// What the drive refuses.
+/// What the drive refuses, and why.
 fn refused(network: &Network, list: impl FnOnce(Expected) -> Expected) -> SdoError {
     match open(network, list).unwrap_err() {
         OpenError::Sdo {
@@ -89,12 +91,14 @@ fn another_mapping_moves_the_values() {
     main.process("bus").spawn_ok(process);
     let shared = network.clone();
     main.process("control").spawn_ok(async move {
-        let mut there = 0;
-        while there != -1_234_567 {
-            there = positions.recv().await?.held();
+        for _ in 0..ENOUGH {
+            if positions.recv().await?.held() == -1_234_567 {
+                break;
+            }
             control.send(Servo::ENABLED).await?;
             target.send(-1_234_567).await?;
         }
+        assert_eq!(positions.recv().await?.held(), -1_234_567);
         assert_eq!(modes.recv().await?.held(), Servo::POSITION);
         assert_eq!(shared.state(DRIVE), State::Op);
         let velocity = shared.object(DRIVE, 0x606c, 0);
@@ -155,7 +159,7 @@ fn several_pdos_are_packed() {
     let main = system.executor("main").build().unwrap();
     main.process("bus").spawn_ok(process);
     main.process("control").spawn_ok(async move {
-        loop {
+        for _ in 0..ENOUGH {
             let is_seen = sight.recv().await?.held();
             // The word begins at the fifth bit of the inputs.
             if is_seen && lows.recv().await?.held() >> 4 == 0x0abc {
@@ -164,6 +168,7 @@ fn several_pdos_are_packed() {
             word.send(0xfabc).await?;
             bit.send(true).await?;
         }
+        panic!("the bit is {}", sight.recv().await?.held());
     });
     system.run().unwrap();
 }
@@ -212,18 +217,29 @@ fn each_refusal_has_its_code() {
 
 #[test]
 fn a_mapping_that_the_drive_does_not_have() {
-    let refused = |index: u16, values: &[SdoValue]| {
-        // The list stays empty.
+    // The entry itself is refused, and the list stays empty.
+    let refused = |index: u16, value: SdoValue| {
         let network = common::machine();
-        code(refused(&network, |drive| drive.sdo_list(index, values)))
+        let list = |drive: Expected| drive.sdo_list(index, &[value]);
+        let error = open(&network, list).unwrap_err();
+        let OpenError::Sdo { sdo, error, .. } = error else {
+            panic!("{error}");
+        };
+        assert_eq!((sdo.index, sdo.sub, sdo.value), (index, 1, value));
+        assert_eq!(network.object(DRIVE, index, 0), Some(0_u8.into()));
+        code(error)
     };
-    let of_inputs = SdoValue::U16(0x1a00);
-    assert_eq!(refused(OUTPUTS, &[of_inputs]), 0x0609_0030);
-    assert_eq!(refused(INPUTS, &[SdoValue::U16(0x1a07)]), 0x0609_0030);
+    assert_eq!(refused(OUTPUTS, SdoValue::U16(0x1a00)), 0x0609_0030);
+    assert_eq!(refused(INPUTS, SdoValue::U16(0x1a07)), 0x0609_0030);
     // An input is no output; 16 bits are not 8.
     for entry in [0x6041_0010, 0x6040_0008] {
-        assert_eq!(refused(0x1600, &[SdoValue::U32(entry)]), 0x0604_0041);
+        assert_eq!(refused(0x1600, SdoValue::U32(entry)), 0x0604_0041);
     }
+    // A number of entries that are not all there.
+    let network = common::machine();
+    let short = |drive: Expected| drive.sdo(OUTPUTS, 0, 0_u8).sdo(OUTPUTS, 0, 2_u8);
+    assert_eq!(code(self::refused(&network, short)), 0x0609_0030);
+    assert_eq!(network.object(DRIVE, OUTPUTS, 0), Some(0_u8.into()));
     // As many gaps as make 2049 bytes and more.
     let network = Network::on_virtual_time();
     let pdos = (0x1600..0x1610).fold(Dictionary::new(), |it, index| it.pdo(index, &[]));
@@ -240,6 +256,26 @@ fn a_mapping_that_the_drive_does_not_have() {
         panic!("{error}");
     };
     assert_eq!(code(error), 0x0604_0042);
+    assert_eq!(network.object(0, OUTPUTS, 0), Some(0_u8.into()));
+}
+
+/// Without outputs, its inputs are still those of sync manager 3.
+#[test]
+fn a_sensor_with_a_mailbox() {
+    let network = Network::on_virtual_time();
+    let dictionary = Dictionary::new()
+        .input(0x6000, 1, 16)
+        .input(0x6000, 2, 8)
+        .pdo(0x1a00, &[(0x6000, 2), (0x6000, 1)]);
+    let identity = Identity::default();
+    network.add(SubDevice::coe("SENSOR", identity, dictionary, Nothing));
+    let sensor = Expected::new("sensor", 0, 0).expect_sdo(INPUTS, 1, 0x1a00_u16);
+    let bus = Bus::open(&Wire::simulated(&network), &[sensor]).unwrap();
+    let found = &bus.subdevices()[0];
+    assert_eq!((found.outputs, found.inputs), (0, 3));
+    network.set_inputs(0, &[1, 2, 3]);
+    assert_eq!(network.inputs(0), [1, 2, 3]);
+    assert_eq!(network.object(0, 0x6000, 1), Some(0x0302_u16.into()));
 }
 
 #[test]
