@@ -60,12 +60,13 @@ impl BusDevice {
 }
 
 /// Opens the bus on `wire` by the device manager: once, as `ethercat:eth0`, until its link has
-/// ended and the outputs are safe. Its subdevices have to be those of `expected`, in this order; they
-/// get the objects that are listed there, and then their process data is mapped.
+/// ended and the outputs are safe. Its subdevices have to be those of `expected`, in this order.
+/// They get the objects that are listed there, and then their process data is mapped.
 ///
 /// For set-up: blocks and allocates, for a second or so where distributed clocks are aligned, and
 /// for some seconds at most if a subdevice fails. Each bus that is opened keeps about 7 KiB until
-/// the program ends. All subdevices are reset first, whatever program has used them.
+/// the program ends. All subdevices are reset first, whatever program has used them; only their
+/// objects may keep what was written ([`Expected::sdo`]).
 ///
 /// # Errors
 ///

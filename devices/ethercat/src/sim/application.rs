@@ -10,8 +10,8 @@ pub trait Application: fmt::Debug + Send {
     /// Lets `elapsed` pass with `outputs`, which are zeros unless the subdevice is operational, and
     /// updates `inputs`.
     ///
-    /// Of a subdevice with a [`Dictionary`](super::Dictionary) these are all its outputs and inputs,
-    /// in the order of the dictionary, whatever the bus has mapped; zeros where it has not.
+    /// Of a subdevice with a [`Dictionary`](super::Dictionary) these are all its outputs and
+    /// inputs, in the order of the dictionary. An output that is not mapped is zero.
     fn step(&mut self, elapsed: Duration, outputs: &[u8], inputs: &mut [u8]);
 
     /// Takes the value of an object that is written over the mailbox, before it is stored. Nothing

@@ -163,8 +163,8 @@ impl Dictionary {
         self
     }
 
-    /// A PDO with these objects (index and sub-index): of outputs if `index` is 0x1600 to 0x17ff, of
-    /// inputs if it is 0x1a00 to 0x1bff. The first one of each is assigned.
+    /// A PDO with these objects (index and sub-index): of outputs if `index` is 0x1600 to 0x17ff,
+    /// of inputs if it is 0x1a00 to 0x1bff. The first one of each is assigned.
     ///
     /// # Panics
     ///
