@@ -26,7 +26,9 @@ fn main() -> luna::Result<()> {
     let wire = Wire::simulated(&network);
     let expected = [
         Expected::new("terminal", SubDevice::VENDOR, SubDevice::DIGITAL),
-        Expected::new("drive", SubDevice::VENDOR, SubDevice::SERVO).sync0(),
+        Expected::new("drive", SubDevice::VENDOR, SubDevice::SERVO)
+            .sync0()
+            .sdo(0x6060, 0, Servo::VELOCITY), // its mode of operation
     ];
 
     let mut system = System::new("fieldbus");

@@ -2,7 +2,7 @@
 
 use crate::error::{OpenError, StepError};
 use crate::exchange::Exchange;
-use crate::{Expected, Found, Link, Wire};
+use crate::{Expected, Found, Link, Wire, sdo};
 use ethercrab::error::{Error, Item};
 use ethercrab::subdevice_group::{NoDc, PreOp, PreOpPdi};
 use ethercrab::{
@@ -10,7 +10,9 @@ use ethercrab::{
     SubDevice, SubDeviceGroup, Timeouts,
 };
 use luna::devices::{Device, DeviceError, DeviceManager, Sharing};
+use std::any::Any;
 use std::ops::Deref;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::time::Duration;
 
 /// The most subdevices of a bus.
@@ -19,6 +21,8 @@ pub(crate) const MAX_SUBDEVICES: usize = 64;
 pub(crate) const MAX_DATA: usize = 1466;
 /// Frames that may be under way at once.
 const FRAMES: usize = 4;
+/// How long a mailbox may take to be free, and to answer.
+const MAILBOX: Duration = Duration::from_secs(1);
 const FRAME_SIZE: usize = PduStorage::element_size(1486);
 /// How often the reference clock is sent around before a bus is used.
 const CLOCK_FRAMES: u32 = 10_000;
@@ -57,10 +61,12 @@ impl BusDevice {
 
 /// Opens the bus on `wire` by the device manager: once, as `ethercat:eth0`, until its link has
 /// ended and the outputs are safe. Its subdevices have to be those of `expected`, in this order.
+/// They get the objects that are listed there, and then their process data is mapped.
 ///
 /// For set-up: blocks and allocates, for a second or so where distributed clocks are aligned, and
 /// for some seconds at most if a subdevice fails. Each bus that is opened keeps about 7 KiB until
-/// the program ends. All subdevices are reset first, whatever program has used them.
+/// the program ends. All subdevices are reset first, whatever program has used them; only their
+/// objects may keep what was written ([`Expected::sdo`]).
 ///
 /// # Errors
 ///
@@ -149,7 +155,8 @@ fn find(wire: &Wire) -> Result<(Box<MainDevice<'static>>, Exchange, Reached), Op
     let timeouts = Timeouts {
         pdu: Duration::from_millis(100),
         eeprom: Duration::from_secs(1),
-        mailbox_echo: Duration::from_secs(1),
+        mailbox_echo: MAILBOX,
+        mailbox_response: MAILBOX,
         ..Timeouts::default()
     };
     let main = Box::new(MainDevice::new(pdus, timeouts, config));
@@ -200,6 +207,8 @@ fn describe(subdevice: &impl Deref<Target = SubDevice>) -> Found {
 /// A step that did not succeed.
 pub(crate) enum Failed {
     Bus(Error),
+    /// A subdevice has sent an emergency message in place of an answer.
+    Emergency,
     System(std::io::Error),
 }
 
@@ -207,6 +216,7 @@ impl Failed {
     pub(crate) fn at(self, step: &'static str) -> (&'static str, StepError) {
         let error = match self {
             Self::Bus(error) => error.into(),
+            Self::Emergency => StepError::Emergency,
             Self::System(error) => StepError::System(error),
         };
         (step, error)
@@ -224,10 +234,20 @@ pub(crate) fn block_on<T>(
     exchange: &mut Exchange,
     step: std::pin::Pin<Box<impl Future<Output = Result<T, Error>>>>,
 ) -> Result<T, Failed> {
-    match exchange.block_on(step) {
-        Ok(done) => done.map_err(Failed::Bus),
-        Err(error) => Err(Failed::System(error)),
+    // Of the exchange only buffers are changed, and a bus that has failed is not used again.
+    let outcome = catch_unwind(AssertUnwindSafe(|| exchange.block_on(step)));
+    match outcome {
+        Ok(Ok(done)) => done.map_err(Failed::Bus),
+        Ok(Err(error)) => Err(Failed::System(error)),
+        // The library asserts that no emergency message comes.
+        Err(panic) if is_emergency(&*panic) => Err(Failed::Emergency),
+        Err(panic) => resume_unwind(panic),
     }
+}
+
+fn is_emergency(panic: &(dyn Any + Send)) -> bool {
+    let text = panic.downcast_ref::<String>();
+    text.is_some_and(|text| text.contains("Emergency"))
 }
 
 impl Bus {
@@ -251,6 +271,7 @@ impl Bus {
                 subdevice.set_dc_sync(DcSync::Sync0);
             }
         }
+        sdo::configure(&main, &mut exchange, &group, expected)?;
         let step = "mapping process data";
         let mapping = Box::pin(group.into_pre_op_pdi(&main));
         let group = match block_on(&mut exchange, mapping) {
@@ -303,7 +324,7 @@ fn compare(expected: &[Expected], found: &[Found]) -> Result<(), OpenError> {
             (Some(expected), Some(found)) => {
                 return Err(OpenError::Mismatch {
                     position,
-                    expected: expected.clone(),
+                    expected: Box::new(expected.clone()),
                     found: found.clone(),
                 });
             }

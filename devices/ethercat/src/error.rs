@@ -1,6 +1,6 @@
 //! Why a bus cannot be set up.
 
-use crate::{Expected, Found};
+use crate::{Expected, Found, Sdo, SdoValue};
 use luna::devices::DeviceError;
 use std::fmt;
 use std::io;
@@ -39,7 +39,7 @@ pub enum OpenError {
         /// From 0.
         position: usize,
         /// What was to be there.
-        expected: Expected,
+        expected: Box<Expected>,
         /// What is there.
         found: Found,
     },
@@ -71,6 +71,19 @@ pub enum OpenError {
         /// The limit.
         most: usize,
     },
+    /// An object of a subdevice could not be written, or has not the value that was expected.
+    #[error("at position {position} `{name}`: {sdo}: {error}")]
+    Sdo {
+        /// From 0.
+        position: usize,
+        /// What the list calls it.
+        name: String,
+        /// Which object, and the value.
+        sdo: Sdo,
+        /// Why.
+        #[source]
+        error: SdoError,
+    },
     /// A step has failed.
     #[error("{step} has failed: {error}")]
     Step {
@@ -80,6 +93,42 @@ pub enum OpenError {
         #[source]
         error: StepError,
     },
+}
+
+/// Why an object cannot be written or compared.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SdoError {
+    /// The subdevice has no objects.
+    #[error("it has no mailbox: take the list of SDOs away from it")]
+    NoMailbox,
+    /// The subdevice refuses it.
+    #[error("it was aborted with {code:#010x}: {reason}")]
+    Aborted {
+        /// The code.
+        code: u32,
+        /// What it means.
+        reason: String,
+    },
+    /// Its mailbox, or the bus, does not answer in time.
+    #[error("no answer came within a second: the subdevice hangs, or the cable is cut")]
+    Silent,
+    /// It has sent something else than an answer: an emergency message (the library does not say
+    /// with what code), or that its mailbox has no CoE.
+    #[error("it sent something else than an answer: an emergency of its own, or it has no CoE")]
+    OtherMessage,
+    /// It has another value than was expected.
+    #[error("it is {there}")]
+    Differs {
+        /// What is there.
+        there: SdoValue,
+    },
+    /// In the words of the library `ethercrab`.
+    #[error("{0}")]
+    Bus(String),
+    /// The system cannot wait for the network interface.
+    #[error("{0}")]
+    System(#[source] io::Error),
 }
 
 /// Why a link cannot be made.
@@ -176,6 +225,9 @@ pub enum StepError {
     /// In the words of the library `ethercrab`.
     #[error("{0}")]
     Bus(String),
+    /// A subdevice has sent an emergency message in place of an answer.
+    #[error("a subdevice reports an emergency of its own: look at their displays")]
+    Emergency,
     /// The system cannot wait for the network interface.
     #[error("{0}")]
     System(#[source] io::Error),

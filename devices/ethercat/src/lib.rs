@@ -1,8 +1,9 @@
 //! EtherCAT as a link driver: process data as channels, distributed clocks as the source of a loop's
 //! ticks, and simulated subdevices.
 //!
-//! A [`Bus`] is opened at set-up ([`open`](open())): its subdevices are compared with a list, and
-//! their process data is mapped by the library ethercrab. A [`Link`] connects values of it to
+//! A [`Bus`] is opened at set-up ([`open`](open())): its subdevices are compared with a list, the
+//! objects of that list are written ([`Expected::sdo`]), and process data is mapped, all by the
+//! library ethercrab. A [`Link`] connects values of it to
 //! channels. Its [`process`](Link::process) is spawned like any other: in each period it sends one
 //! frame, and waits for the answer without blocking its executor. In an emergency the outputs get
 //! their safe values, and the bus goes to SAFE-OP ([`Neutral`]).
@@ -75,6 +76,7 @@ mod neutral;
 mod port;
 mod process;
 mod sample;
+mod sdo;
 pub mod sim;
 mod socket;
 mod state;
@@ -82,7 +84,7 @@ mod timer;
 mod value;
 
 pub use bus::{Bus, BusDevice, open, scan};
-pub use error::{LinkError, OpenError, Place, StepError};
+pub use error::{LinkError, OpenError, Place, SdoError, StepError};
 pub use expected::{Expected, Found};
 pub use fault::Fault;
 pub use health::Health;
@@ -91,6 +93,7 @@ pub use neutral::Neutral;
 pub use port::Wire;
 pub use process::BusProcess;
 pub use sample::Sample;
+pub use sdo::{Sdo, SdoValue};
 pub use state::State;
 pub use value::Value;
 

@@ -39,10 +39,17 @@ thread_local! {
 
 /// Polls by another clock than the thread's, at the time `now` (ns).
 pub(crate) fn at<T>(now: u64, poll: impl FnOnce() -> T) -> T {
-    let before = SET_UP_TIME.replace(Some(now));
-    let outcome = poll();
-    SET_UP_TIME.set(before);
-    outcome
+    /// Also when the library panics.
+    struct Back(Option<u64>);
+
+    impl Drop for Back {
+        fn drop(&mut self) {
+            SET_UP_TIME.set(self.0);
+        }
+    }
+
+    let _back = Back(SET_UP_TIME.replace(Some(now)));
+    poll()
 }
 
 /// 2000-01-01, when distributed clocks begin, after 1970-01-01 (ns).
@@ -55,4 +62,21 @@ pub(crate) fn time_of_day() -> u64 {
     u64::try_from(nanos)
         .unwrap_or(u64::MAX)
         .saturating_sub(EPOCH)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_is_the_threads_again_after_a_panic() {
+        let outcome = std::panic::catch_unwind(|| {
+            at(5_000, || {
+                assert_eq!(ThreadClock.now(), 5);
+                std::panic::resume_unwind(Box::new(()));
+            });
+        });
+        assert!(outcome.is_err());
+        assert_eq!(SET_UP_TIME.get(), None);
+    }
 }

@@ -1,7 +1,10 @@
 //! The controller of a simulated subdevice: its memory, and what reads and writes of it do.
 
+mod mailbox;
+
 use super::clock::{self, Clock};
-use super::sii::{self, INPUTS_AT, OUTPUTS_AT};
+use super::coe::Coe;
+use super::sii::{self, INPUTS_AT, OUTPUTS_AT, REQUESTS_AT};
 use super::subdevice::SubDevice;
 use crate::State;
 use crate::frame::word;
@@ -24,10 +27,11 @@ const FMMUS: usize = 0x0600;
 const MANAGERS: usize = 0x0800;
 /// How many FMMUs and sync managers it has.
 const UNITS: usize = 8;
-const MEMORY: usize = 0x2000;
+const MEMORY: usize = 0x2100;
 
 /// Codes of [`AL_CODE`].
 const INVALID_CHANGE: u16 = 0x0011;
+const INVALID_MAILBOX: u16 = 0x0016;
 const INVALID_OUTPUTS: u16 = 0x001d;
 const INVALID_INPUTS: u16 = 0x001e;
 const WATCHDOG: u16 = 0x001b;
@@ -42,6 +46,7 @@ pub(super) struct Esc {
     outputs: usize,
     inputs: usize,
     application: Box<dyn Application>,
+    pub(super) coe: Option<Coe>,
     pub(super) clock: Option<Clock>,
     state: State,
     has_failed: bool,
@@ -57,8 +62,8 @@ impl Esc {
         let SubDevice {
             name,
             identity,
-            outputs,
-            inputs,
+            pdos,
+            dictionary,
             application,
             drift,
             watchdog,
@@ -72,12 +77,13 @@ impl Esc {
         // The watchdog counts steps of 100 µs, in units of 40 ns.
         memory[WATCHDOG_DIVIDER..WATCHDOG_DIVIDER + 2].copy_from_slice(&2498_u16.to_le_bytes());
         memory[WATCHDOG_TIME..WATCHDOG_TIME + 2].copy_from_slice(&watchdog.to_le_bytes());
-        let length = sii::length(&outputs);
+        let [length, inputs] = [0, 1].map(|direction| sii::length(&pdos[direction]));
         let mut esc = Self {
-            eeprom: sii::content(&name, identity, &outputs, &inputs),
+            eeprom: sii::content(&name, identity, &pdos, dictionary.is_some()),
             outputs: length,
-            inputs: sii::length(&inputs),
+            inputs,
             application,
+            coe: dictionary.map(Coe::new),
             // Clocks that were switched on at different times.
             clock: drift.map(|drift| Clock::new(drift, (number + 1) * 1_234_567_891)),
             state: State::Init,
@@ -137,7 +143,11 @@ impl Esc {
         let elapsed = Duration::from_nanos(now.saturating_sub(self.stepped));
         self.stepped = now.max(self.stepped);
         let inputs = &mut self.memory[INPUTS_AT.into()..][..self.inputs];
-        self.application.step(elapsed, &self.applied, inputs);
+        let application = &mut *self.application;
+        match &mut self.coe {
+            Some(coe) => coe.step(application, elapsed, &self.applied, inputs),
+            None => application.step(elapsed, &self.applied, inputs),
+        }
     }
 
     /// Leaves the operational state by itself.
@@ -180,6 +190,7 @@ impl Esc {
     fn refusal(&self, to: State) -> Option<u16> {
         match (self.state, to) {
             (_, State::Init) => None,
+            (State::Init, State::PreOp) if !self.has_mailboxes() => Some(INVALID_MAILBOX),
             (State::Init | State::PreOp | State::SafeOp | State::Op, State::PreOp) => None,
             (State::PreOp, State::SafeOp) => {
                 let has = |at: u16, length| length == 0 || self.manages(at, length);
@@ -219,9 +230,15 @@ impl Esc {
             let at = from;
             self.memory[at..at + 8].copy_from_slice(&time.to_le_bytes());
         }
+        let Some(takes) = self.may_read(from, from + to.len()) else {
+            return false;
+        };
         // A broadcast unites what all have.
         for (to, from) in to.iter_mut().zip(&self.memory[from..]) {
             *to |= *from;
+        }
+        if takes {
+            self.empty_mailbox();
         }
         true
     }
@@ -240,6 +257,7 @@ impl Esc {
                 None => return false,
             },
             clock::SYSTEM_TIME => return self.follow(from, now),
+            REQUESTS_AT.. => return self.take_request(at, from),
             // Read only: what it is, and its state.
             0x0000..=0x000f | 0x0110..=0x0137 => return false,
             _ => {

@@ -2,8 +2,9 @@
 //!
 //! A [`Network`] is a line of [`SubDevice`]s. Each has the registers of a subdevice controller that
 //! a bus uses (station address, states, sync managers, FMMUs, EEPROM, watchdog, distributed clock
-//! with a drift), and an [`Application`] behind its process data. Faults can be injected while a
-//! bus runs. It has no mailboxes, so no CoE, and no redundancy.
+//! with a drift), and an [`Application`] behind its process data. One with a [`Dictionary`] has a
+//! mailbox too, for SDOs of up to four bytes (CoE). Faults can be injected while a bus runs. There
+//! is no redundancy.
 //!
 //! ```
 //! use luna_ethercat::sim::{Network, SubDevice};
@@ -15,8 +16,11 @@
 //! assert_eq!((network.inputs(terminal), drive), (vec![0b101], 1));
 //! ```
 
+mod abort;
 mod application;
 mod clock;
+mod coe;
+mod dictionary;
 mod esc;
 mod line;
 mod network;
@@ -25,6 +29,7 @@ mod sii;
 mod subdevice;
 
 pub use application::{Application, Nothing, Servo};
+pub use dictionary::Dictionary;
 pub use network::Network;
 pub use server::Server;
 pub use subdevice::{Identity, SubDevice};

@@ -3,8 +3,8 @@
 use super::esc::Esc;
 use super::line::{Answer, Faults, Line, Time, WAITING};
 use super::subdevice::SubDevice;
-use crate::State;
 use crate::frame::MAX_FRAME;
+use crate::{SdoValue, State};
 use luna_platform::clock::Clock;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -112,6 +112,29 @@ impl Network {
         if let Some(esc) = self.lock().subdevices.get_mut(position) {
             esc.fall(code);
         }
+    }
+
+    /// Lets the mailbox of a subdevice take requests and never answer. Nothing if it has none.
+    pub fn hang_mailbox(&self, position: usize) {
+        self.look(position, |esc, _| {
+            esc.coe.iter_mut().for_each(|coe| coe.hangs = true);
+        });
+    }
+
+    /// Lets a subdevice report an emergency with `code` over its mailbox, before its next answer.
+    /// Nothing if it has none.
+    pub fn report_emergency(&self, position: usize, code: u16) {
+        self.look(position, |esc, _| {
+            esc.coe
+                .iter_mut()
+                .for_each(|coe| coe.emergency = Some(code));
+        });
+    }
+
+    /// The value of an object of its [`Dictionary`](super::Dictionary), if it has that.
+    pub fn object(&self, position: usize, index: u16, sub: u8) -> Option<SdoValue> {
+        let value = |esc: &mut Esc, _| esc.coe.as_ref()?.value(index, sub).ok();
+        self.look(position, value).flatten()
     }
 
     /// The frames that have come.

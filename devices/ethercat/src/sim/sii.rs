@@ -1,11 +1,22 @@
 //! What a subdevice states about itself: the content of its EEPROM.
 
+use super::dictionary::Entry;
 use super::subdevice::Identity;
 
 /// Where outputs begin in the subdevice's memory.
 pub(super) const OUTPUTS_AT: u16 = 0x1000;
 /// Where inputs begin there.
 pub(super) const INPUTS_AT: u16 = 0x1800;
+
+/// Where the mailbox of requests begins, and that of answers.
+pub(super) const REQUESTS_AT: u16 = 0x2000;
+pub(super) const ANSWERS_AT: u16 = 0x2080;
+/// The bytes of each.
+pub(super) const MAILBOX_LENGTH: u16 = 128;
+/// The protocol of the mailbox.
+const COE: u32 = 1 << 2;
+/// SDOs, PDOs can be assigned and configured.
+const COE_DETAILS: u8 = 0b1101;
 
 const STRINGS: u16 = 10;
 const GENERAL: u16 = 30;
@@ -18,8 +29,16 @@ const END: u16 = 0xffff;
 /// Where the categories begin.
 const CATEGORIES: usize = 0x80;
 
-/// The content for a subdevice with process data of these lengths (bits of each entry).
-pub(super) fn content(name: &str, identity: Identity, outputs: &[u8], inputs: &[u8]) -> Vec<u8> {
+/// A PDO's index, and what it has.
+type Pdo = (u16, Vec<Entry>);
+
+/// The content for a subdevice with these PDOs of outputs and inputs.
+pub(super) fn content(
+    name: &str,
+    identity: Identity,
+    [outputs, inputs]: &[Vec<Pdo>; 2],
+    has_mailbox: bool,
+) -> Vec<u8> {
     let mut bytes = vec![0; CATEGORIES];
     let mut put = |at: usize, value: u32| {
         bytes[2 * at..2 * at + 4].copy_from_slice(&value.to_le_bytes());
@@ -30,6 +49,12 @@ pub(super) fn content(name: &str, identity: Identity, outputs: &[u8], inputs: &[
     put(0x0e, identity.serial);
     // The size in kibit, less one; and the version.
     put(0x3e, 0x0001_000f);
+    let room = u32::from(MAILBOX_LENGTH) << 16;
+    if has_mailbox {
+        put(0x18, room | u32::from(REQUESTS_AT));
+        put(0x1a, room | u32::from(ANSWERS_AT));
+        put(0x1c, COE);
+    }
 
     let mut strings = vec![1, name.len() as u8];
     strings.extend(name.as_bytes());
@@ -38,51 +63,62 @@ pub(super) fn content(name: &str, identity: Identity, outputs: &[u8], inputs: &[
     let mut general = [0; 32];
     // The name is the first string, as order number and as name.
     (general[2], general[3]) = (1, 1);
+    if has_mailbox {
+        general[5] = COE_DETAILS;
+    }
     category(&mut bytes, GENERAL, &general);
 
     let mut managers = Vec::new();
-    let mut fmmus = Vec::new();
-    let mut manager = |at: u16, bits: &[u8], control: u8, usage: u8, fmmu: u8| {
-        if bits.is_empty() {
-            return None;
-        }
+    let mut count = 0;
+    let mut manager = |at: u16, length: u16, control: u8, usage: u8| {
         managers.extend(at.to_le_bytes());
-        managers.extend((length(bits) as u16).to_le_bytes());
+        managers.extend(length.to_le_bytes());
         managers.extend([control, 0, 1, usage]);
-        fmmus.push(fmmu);
-        Some(fmmus.len() as u8 - 1)
+        count += 1;
+        count - 1
     };
-    let output_manager = manager(OUTPUTS_AT, outputs, 0x64, 3, 1);
-    let input_manager = manager(INPUTS_AT, inputs, 0x20, 4, 2);
+    if has_mailbox {
+        manager(REQUESTS_AT, MAILBOX_LENGTH, 0x26, 1);
+        manager(ANSWERS_AT, MAILBOX_LENGTH, 0x22, 2);
+    }
+    let mut fmmus = Vec::new();
+    let mut pdos = Vec::new();
+    for (at, of, control, usage, fmmu, kind) in [
+        (OUTPUTS_AT, outputs, 0x64, 3, 1, OUTPUT_PDOS),
+        (INPUTS_AT, inputs, 0x20, 4, 2, INPUT_PDOS),
+    ] {
+        // With a mailbox the numbers of the sync managers are fixed.
+        if of.is_empty() && !has_mailbox {
+            continue;
+        }
+        let manager = manager(at, length(of) as u16, control, usage);
+        fmmus.push(fmmu);
+        pdos.push((kind, of.iter().flat_map(|it| pdo(it, manager)).collect()));
+    }
     category(&mut bytes, FMMUS, &fmmus);
     category(&mut bytes, SYNC_MANAGERS, &managers);
-    for (kind, index, manager, bits) in [
-        (INPUT_PDOS, 0x1a00, input_manager, inputs),
-        (OUTPUT_PDOS, 0x1600, output_manager, outputs),
-    ] {
-        if let Some(manager) = manager {
-            category(&mut bytes, kind, &pdo(index, manager, bits));
-        }
+    for (kind, content) in pdos {
+        let content: Vec<u8> = content;
+        category(&mut bytes, kind, &content);
     }
     bytes.extend(END.to_le_bytes());
     bytes.resize(2048, 0xff);
     bytes
 }
 
-/// The bytes that entries of these lengths (bits) take.
-pub(super) fn length(bits: &[u8]) -> usize {
-    bits.iter()
-        .map(|bits| usize::from(*bits))
-        .sum::<usize>()
-        .div_ceil(8)
+/// The bytes that PDOs take.
+pub(super) fn length(pdos: &[Pdo]) -> usize {
+    let entries = pdos.iter().flat_map(|(_, entries)| entries);
+    let bits = entries.map(|entry| usize::from(entry.bits));
+    bits.sum::<usize>().div_ceil(8)
 }
 
-fn pdo(index: u16, manager: u8, bits: &[u8]) -> Vec<u8> {
+fn pdo((index, entries): &Pdo, manager: u8) -> Vec<u8> {
     let mut bytes = index.to_le_bytes().to_vec();
-    bytes.extend([bits.len() as u8, manager, 0, 0, 0, 0]);
-    for (number, bits) in (1..).zip(bits) {
-        bytes.extend((0x6000_u16 + index % 0x1000).to_le_bytes());
-        bytes.extend([number, 0, 0, *bits, 0, 0]);
+    bytes.extend([entries.len() as u8, manager, 0, 0, 0, 0]);
+    for entry in entries {
+        bytes.extend(entry.index.to_le_bytes());
+        bytes.extend([entry.sub, 0, 0, entry.bits, 0, 0]);
     }
     bytes
 }

@@ -1,6 +1,7 @@
 //! The description of a simulated subdevice.
 
 use super::application::{Application, Nothing, Servo};
+use super::dictionary::{Dictionary, Entry};
 use std::time::Duration;
 
 /// What a subdevice states about itself.
@@ -21,9 +22,9 @@ pub struct Identity {
 pub struct SubDevice {
     pub(super) name: String,
     pub(super) identity: Identity,
-    /// The lengths of the entries (bits).
-    pub(super) outputs: Vec<u8>,
-    pub(super) inputs: Vec<u8>,
+    /// The PDOs of outputs, and of inputs, as its EEPROM has them.
+    pub(super) pdos: [Vec<(u16, Vec<Entry>)>; 2],
+    pub(super) dictionary: Option<Dictionary>,
     pub(super) application: Box<dyn Application>,
     /// Parts per million by which its clock is fast, if it has one.
     pub(super) drift: Option<f64>,
@@ -49,14 +50,47 @@ impl SubDevice {
         inputs: &[u8],
         application: impl Application + 'static,
     ) -> Self {
+        let pdos =
+            [(0x1600, 0x7000, outputs), (0x1a00, 0x6000, inputs)].map(|(pdo, index, bits)| {
+                let entries = (1..).zip(bits).map(|(sub, bits)| Entry {
+                    index,
+                    sub,
+                    bits: *bits,
+                });
+                let entries: Vec<_> = entries.collect();
+                if entries.is_empty() {
+                    Vec::new()
+                } else {
+                    vec![(pdo, entries)]
+                }
+            });
         Self {
             name: name.to_owned(),
             identity,
-            outputs: outputs.to_vec(),
-            inputs: inputs.to_vec(),
+            pdos,
+            dictionary: None,
             application: Box::new(application),
             drift: None,
             watchdog: 1000,
+        }
+    }
+
+    /// A subdevice with a mailbox and the objects of `dictionary`, which has its process data too,
+    /// and with `application` behind them.
+    ///
+    /// The mailbox is that of sync managers 0 and 1. It answers at once: expedited SDOs, no
+    /// complete access, no segments, no information about objects. Like many real ones, it keeps
+    /// what was written as long as it is there, and not only while one bus is open.
+    pub fn coe(
+        name: &str,
+        identity: Identity,
+        dictionary: Dictionary,
+        application: impl Application + 'static,
+    ) -> Self {
+        Self {
+            pdos: [0, 1].map(|direction| dictionary.assigned(direction)),
+            dictionary: Some(dictionary),
+            ..Self::new(name, identity, &[], &[], application)
         }
     }
 
@@ -68,13 +102,30 @@ impl SubDevice {
         Self::new("DIGITAL", identity, &bits(outputs), &bits(inputs), Nothing)
     }
 
-    /// A drive. Outputs: the control word (u16, byte 0), the target velocity (i32, byte 2, counts
-    /// a second). Inputs: the status word (u16, byte 0), the position (i32, byte 2, counts), the
-    /// velocity (i32, byte 6).
+    /// A drive with a mailbox. Outputs: the control word (u16, byte 0), the target velocity (i32,
+    /// byte 2, counts a second). Inputs: the status word (u16, byte 0), the position (i32, byte 2,
+    /// counts), the velocity (i32, byte 6).
+    ///
+    /// Its mode of operation (0x6060, `i8`) is [`Servo::VELOCITY`] or [`Servo::POSITION`]. For the
+    /// latter, PDO 0x1601 has the control word and the target position (0x607a, i32, counts). PDO
+    /// 0x1a01 has the status word, the position and the mode (0x6061).
     pub fn servo() -> Self {
         let identity = Self::identity(Self::SERVO);
-        let servo = Servo::default();
-        Self::new("SERVO", identity, &[16, 32], &[16, 32, 32], servo)
+        let dictionary = Dictionary::new()
+            .output(0x6040, 0, 16)
+            .output(0x60ff, 0, 32)
+            .output(0x607a, 0, 32)
+            .input(0x6041, 0, 16)
+            .input(0x6064, 0, 32)
+            .input(0x606c, 0, 32)
+            .input(0x6061, 0, 8)
+            .pdo(0x1600, &[(0x6040, 0), (0x60ff, 0)])
+            .pdo(0x1601, &[(0x6040, 0), (0x607a, 0)])
+            .pdo(0x1a00, &[(0x6041, 0), (0x6064, 0), (0x606c, 0)])
+            .pdo(0x1a01, &[(0x6041, 0), (0x6064, 0), (0x6061, 0)])
+            .object(0x6060, 0, Servo::VELOCITY)
+            .constant(0x1000, 0, 0x0002_0192_u32);
+        Self::coe("SERVO", identity, dictionary, Servo::default())
     }
 
     fn identity(product: u32) -> Identity {

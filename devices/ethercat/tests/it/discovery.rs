@@ -70,7 +70,7 @@ fn another_subdevice_than_was_expected() {
         panic!("{swapped}");
     };
     assert_eq!(
-        (position, expected, found.product),
+        (position, *expected, found.product),
         (0, drive.clone(), SubDevice::DIGITAL)
     );
 

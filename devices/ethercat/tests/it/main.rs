@@ -9,3 +9,4 @@ mod discovery;
 mod faults;
 mod interface;
 mod safety;
+mod sdo;
