@@ -1,10 +1,10 @@
 //! Requests of the library, sent and answered by a port.
 
-use crate::Health;
 use crate::frame::MAX_FRAME;
 use crate::port::Port;
 use crate::timer;
-use ethercrab::{PduRx, PduTx};
+use crate::{Health, Neutral};
+use ethercrab::{PduRx, PduTx, ReceiveAction};
 use luna::Instant;
 use luna::external::FileError;
 use std::future::Future;
@@ -24,6 +24,14 @@ pub(crate) struct Exchange {
     pub(crate) port: Port,
     buffer: Box<[u8; MAX_FRAME]>,
     pub(crate) health: Arc<Health>,
+}
+
+/// What came of a look for a frame.
+enum Received {
+    Nothing,
+    /// One that answers nothing, or an error in place of one.
+    Unused,
+    Answer,
 }
 
 /// Polls without a waker: the caller knows when to poll again.
@@ -57,13 +65,29 @@ impl Exchange {
                 return Ok(output);
             }
             self.send();
-            if self.receive(MAX_AT_ONCE) == 0 {
+            if matches!(self.receive(), Received::Nothing) {
                 self.port.wait()?;
             }
         }
     }
 
+    /// Sends the first frame of `future` without waiting: [`until`](Self::until) awaits the rest.
+    /// Returns its outcome if it needs no answer.
+    pub(crate) fn begin<F: Future>(&mut self, future: Pin<&mut F>) -> Option<F::Output> {
+        match poll(future) {
+            Poll::Ready(output) => Some(output),
+            Poll::Pending => {
+                self.send();
+                None
+            }
+        }
+    }
+
     /// Awaits `future` until `deadline`; none if it is not ready then.
+    ///
+    /// Each of its frames goes out once, and none at the deadline or later. With `neutral`, none
+    /// goes out when the bus was made safe, and one that went out meanwhile is followed by those
+    /// that make it safe.
     ///
     /// # Errors
     ///
@@ -71,21 +95,38 @@ impl Exchange {
     pub(crate) async fn until<F: Future>(
         &mut self,
         deadline: Instant,
+        neutral: Option<&Neutral>,
         mut future: Pin<&mut F>,
     ) -> Result<Option<F::Output>, FileError> {
+        let is_engaged = || neutral.is_some_and(Neutral::is_engaged);
         let mut left = MAX_AT_ONCE;
+        // The library offers a frame again after its timeout, or if the system has refused it.
+        let mut may_send = true;
         loop {
             if let Poll::Ready(output) = poll(future.as_mut()) {
                 return Ok(Some(output));
             }
-            self.send();
-            match self.receive(left) {
-                0 if luna::now() >= deadline => return Ok(None),
-                0 => self.port.readable(deadline).await?,
-                received => left = left.saturating_sub(received),
-            }
-            if left == 0 {
+            let is_late = luna::now() >= deadline;
+            if left == 0 || is_engaged() {
                 return Ok(None);
+            }
+            if may_send && !is_late {
+                may_send = false;
+                self.send();
+                if is_engaged() {
+                    // If the system refuses, the watchdogs remain.
+                    let _ = neutral.map(Neutral::try_engage);
+                    return Ok(None);
+                }
+            }
+            match self.receive() {
+                Received::Nothing if is_late => return Ok(None),
+                Received::Nothing => self.port.readable(deadline).await?,
+                Received::Unused => left -= 1,
+                Received::Answer => {
+                    left -= 1;
+                    may_send = true;
+                }
             }
         }
     }
@@ -117,22 +158,24 @@ impl Exchange {
         }
     }
 
-    /// Takes what has come, `most` frames at most. Returns their number.
-    fn receive(&mut self, most: u32) -> u32 {
-        for count in 0..most {
-            let length = match self.port.receive(&mut self.buffer[..]) {
-                Ok(Some(length)) => length,
-                Ok(None) => return count,
-                Err(_) => {
-                    self.health.refused.add();
-                    continue;
-                }
-            };
-            // Frames on their way out come back on some interfaces, and are ignored.
-            if self.rx.receive_frame(&self.buffer[..length]).is_err() {
+    /// Takes a frame, if one has come.
+    fn receive(&mut self) -> Received {
+        let length = match self.port.receive(&mut self.buffer[..]) {
+            Ok(Some(length)) => length,
+            Ok(None) => return Received::Nothing,
+            Err(_) => {
+                self.health.refused.add();
+                return Received::Unused;
+            }
+        };
+        match self.rx.receive_frame(&self.buffer[..length]) {
+            Ok(ReceiveAction::Processed) => Received::Answer,
+            // Frames on their way out come back on some interfaces.
+            Ok(ReceiveAction::Ignored) => Received::Unused,
+            Err(_) => {
                 self.health.dropped.add();
+                Received::Unused
             }
         }
-        most
     }
 }

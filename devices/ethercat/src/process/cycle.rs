@@ -4,7 +4,7 @@ use super::ends::Ends;
 use super::running::{Answer, Running};
 use super::{Parts, Stop};
 use crate::exchange::Exchange;
-use crate::{Fault, Health, State};
+use crate::{Fault, Health, Neutral, State};
 use ethercrab::MainDevice;
 use luna::Instant;
 use luna::time::{Cycle, FollowState, Follower, LeaderTick, Periodic};
@@ -14,6 +14,8 @@ use std::time::Duration;
 
 /// After how many cycles OP is requested again while subdevices are not there.
 const REQUEST_EVERY: u32 = 64;
+/// How long the reason of a failure is awaited, at most.
+const REASON: Duration = Duration::from_millis(20);
 /// By how much a failed cycle weighs more than a good one.
 const WEIGHT: u32 = 10;
 
@@ -23,6 +25,7 @@ pub(super) struct Cycles {
     exchange: Exchange,
     running: Running,
     follower: Option<Follower>,
+    neutral: Neutral,
     health: Arc<Health>,
     /// How long to wait for an answer.
     patience: Duration,
@@ -65,6 +68,7 @@ impl Cycles {
         main: Box<MainDevice<'static>>,
         exchange: Exchange,
         running: Running,
+        neutral: Neutral,
         follower: Option<Follower>,
     ) -> Self {
         // In one datagram that reads and writes, a subdevice counts 1 for inputs and 2 for outputs.
@@ -88,6 +92,7 @@ impl Cycles {
             main,
             exchange,
             running,
+            neutral,
             follower,
         }
     }
@@ -130,7 +135,9 @@ impl Cycles {
         self.begun.get_or_insert(sent);
         self.last = Outcome::Missed;
         let exchange = pin!(self.running.exchange(&self.main));
-        let answer = self.exchange.until(sent + self.patience, exchange).await;
+        let deadline = sent + self.patience;
+        let neutral = Some(&self.neutral);
+        let answer = self.exchange.until(deadline, neutral, exchange).await;
         let received = luna::now();
         let Some(Ok(answer)) = answer.map_err(Fault::Wait)? else {
             return Ok(None);
@@ -246,7 +253,7 @@ impl Cycles {
                 // If it is lost it is sent again.
                 let _ = self
                     .exchange
-                    .until(deadline, request)
+                    .until(deadline, Some(&self.neutral), request)
                     .await
                     .map_err(Fault::Wait)?;
                 Some(0)
@@ -265,12 +272,24 @@ impl Cycles {
         }
     }
 
-    /// Asks a subdevice for its state and its reason. `state` is what it had.
+    /// Asks a subdevice for its state and its reason. `state` is what it had. The outputs are made
+    /// safe before the answer is awaited; the question goes before, since the request of SAFE-OP
+    /// may delete the reason.
     async fn reason(&mut self, position: usize, state: State) -> (State, Option<u16>) {
-        let status = pin!(self.running.status(&self.main, position));
-        let deadline = luna::now() + self.patience;
-        match self.exchange.until(deadline, status).await {
-            Ok(Some(Ok((state, code)))) => (state, Some(code)),
+        let mut status = pin!(self.running.status(&self.main, position));
+        let begun = self.exchange.begin(status.as_mut());
+        // If the system refuses, the watchdogs remain.
+        let _ = self.neutral.try_engage();
+        let answer = match begun {
+            Some(answer) => Some(answer),
+            None => {
+                let deadline = luna::now() + self.patience.min(REASON);
+                let answer = self.exchange.until(deadline, None, status).await;
+                answer.ok().flatten()
+            }
+        };
+        match answer {
+            Some(Ok((state, code))) => (state, Some(code)),
             _ => (state, None),
         }
     }

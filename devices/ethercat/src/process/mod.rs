@@ -28,8 +28,8 @@ use std::time::Duration;
 /// It ends, with all outputs at their safe values and the bus in SAFE-OP, when all writers of its
 /// outputs are gone; without outputs, when all readers of its inputs are. Real-time path: yes, all
 /// of a cycle; O(subdevices, and connected values), no allocation; one system call to send a
-/// frame, one to receive each that has come, and those of
-/// [`readable`](luna::external::readable) to wait.
+/// frame, one to receive each that has come, one that finds none before the cycle's first frame and
+/// before each wait, and those of [`readable`](luna::external::readable) to wait.
 #[must_use = "a link is a process: spawn it"]
 pub struct BusProcess {
     parts: Parts,
@@ -65,7 +65,7 @@ impl BusProcess {
         follower: Option<Follower>,
     ) -> Self {
         let health = exchange.health.clone();
-        let cycles = Cycles::new(&parts, main, exchange, running, follower);
+        let cycles = Cycles::new(&parts, main, exchange, running, neutral.clone(), follower);
         Self {
             parts,
             cycles,

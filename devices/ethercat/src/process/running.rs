@@ -102,9 +102,9 @@ impl Running {
     ) -> Result<(State, u16), Error> {
         let address =
             of_group!(self, group => group.subdevice(main, position)?.configured_address());
-        let read = |register: RegisterAddress| Command::fprd(address, register.into());
-        let status: u16 = read(RegisterAddress::AlStatus).receive(main).await?;
-        let code: u16 = read(RegisterAddress::AlStatusCode).receive(main).await?;
-        Ok((State::of((status & 0x0f) as u8), code))
+        // The state, a word that is reserved, the code.
+        let read = Command::fprd(address, RegisterAddress::AlStatus.into());
+        let [status, _, _, _, code @ ..]: [u8; 6] = read.receive(main).await?;
+        Ok((State::of(status & 0x0f), u16::from_le_bytes(code)))
     }
 }

@@ -8,4 +8,5 @@ mod data;
 mod discovery;
 mod faults;
 mod interface;
+mod order;
 mod safety;
