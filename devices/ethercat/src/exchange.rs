@@ -1,6 +1,6 @@
 //! Requests of the library, sent and answered by a port.
 
-use crate::frame::MAX_FRAME;
+use crate::frame::{self, MAX_FRAME, SENDER_TAG};
 use crate::port::Port;
 use crate::timer;
 use crate::{Health, Neutral};
@@ -23,6 +23,9 @@ pub(crate) struct Exchange {
     rx: PduRx<'static>,
     pub(crate) port: Port,
     buffer: Box<[u8; MAX_FRAME]>,
+    /// What the answer to the last frame is recognized by. Its numbers of datagrams come again
+    /// after 256 of them, which may be a few cycles.
+    tag: u32,
     pub(crate) health: Arc<Health>,
 }
 
@@ -46,6 +49,7 @@ impl Exchange {
             rx,
             port,
             buffer: Box::new([0; MAX_FRAME]),
+            tag: SENDER_TAG,
             health: Arc::default(),
         }
     }
@@ -64,7 +68,7 @@ impl Exchange {
             if let Poll::Ready(output) = polled {
                 return Ok(output);
             }
-            self.send();
+            self.send(false);
             if matches!(self.receive(), Received::Nothing) {
                 self.port.wait()?;
             }
@@ -77,7 +81,7 @@ impl Exchange {
         match poll(future) {
             Poll::Ready(output) => Some(output),
             Poll::Pending => {
-                self.send();
+                self.send(true);
                 None
             }
         }
@@ -112,7 +116,7 @@ impl Exchange {
             }
             if may_send && !is_late {
                 may_send = false;
-                self.send();
+                self.send(true);
                 if is_engaged() {
                     // If the system refuses, the watchdogs remain.
                     let _ = neutral.map(Neutral::try_engage);
@@ -142,12 +146,20 @@ impl Exchange {
         }
     }
 
-    /// Sends what waits to be sent.
-    fn send(&mut self) {
+    /// Sends what waits to be sent. If `is_tagged`, under a tag that no frame has had: only its
+    /// answer counts.
+    fn send(&mut self, is_tagged: bool) {
         while let Some(frame) = self.tx.next_sendable_frame() {
-            let port = &self.port;
+            if is_tagged {
+                self.tag = self.tag.wrapping_add(1);
+            }
+            let (port, buffer, tag) = (&self.port, &mut self.buffer, self.tag);
             let send = |bytes: &[u8]| {
-                port.send(bytes)
+                let to = buffer.get_mut(..bytes.len());
+                let to = to.ok_or(ethercrab::error::Error::SendFrame)?;
+                to.copy_from_slice(bytes);
+                frame::tag(to, tag);
+                port.send(to)
                     .map_err(|_| ethercrab::error::Error::SendFrame)
             };
             if frame.send_blocking(send).is_err() {
@@ -168,9 +180,17 @@ impl Exchange {
                 return Received::Unused;
             }
         };
-        match self.rx.receive_frame(&self.buffer[..length]) {
-            Ok(ReceiveAction::Processed) => Received::Answer,
+        let frame = &mut self.buffer[..length];
+        let is_request = frame::is_request(frame);
+        if frame::take_tag(frame) != Some(self.tag) {
             // Frames on their way out come back on some interfaces.
+            if !is_request {
+                self.health.dropped.add();
+            }
+            return Received::Unused;
+        }
+        match self.rx.receive_frame(frame) {
+            Ok(ReceiveAction::Processed) => Received::Answer,
             Ok(ReceiveAction::Ignored) => Received::Unused,
             Err(_) => {
                 self.health.dropped.add();

@@ -3,8 +3,8 @@
 use crate::common::{self, DRIVE, SpawnOk, TERMINAL, register};
 use luna::TryRecvError;
 use luna::prelude::*;
-use luna_ethercat::sim::{Network, SubDevice};
-use luna_ethercat::{Expected, Fault, Health, Place, Sample, State, Wire};
+use luna_ethercat::sim::Network;
+use luna_ethercat::{Fault, Health, Place, Sample, State};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -263,50 +263,6 @@ fn channels_are_poisoned_before_the_emergency() {
     });
     let fault = common::fault(system.run());
     assert!(matches!(fault, Fault::Left { .. }), "{fault}");
-}
-
-#[test]
-fn an_old_answer_with_the_same_number_is_not_used() {
-    // With 64 datagrams a cycle, the number of a frame comes again after four cycles.
-    const COUNT: usize = 62;
-    let network = Network::on_virtual_time();
-    network.add(SubDevice::digital(8, 8).with_clock(0.0));
-    for _ in 1..COUNT {
-        network.add(SubDevice::digital(8, 8));
-    }
-    let terminal = Expected::new("terminal", SubDevice::VENDOR, SubDevice::DIGITAL);
-    let mut system = common::system();
-    let wire = Wire::simulated(&network);
-    let expected = vec![terminal; COUNT];
-    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
-    let mut link = bus.link("bus", common::PERIOD);
-    let (level, levels) = register::<Sample<u8>>();
-    link.tolerate(100).input(COUNT - 1, 0, level);
-    let process = link.process().unwrap();
-    let health = process.health();
-    let main = system.executor("main").build().unwrap();
-    main.process("bus").spawn_ok(process);
-    main.process("control").spawn_ok(async move {
-        for number in 0..30 {
-            let sample = levels.recv().await?;
-            network.set_inputs(COUNT - 1, &[number]);
-            match number {
-                10 => network.set_latency(Duration::from_micros(3_900)),
-                20 => network.set_latency(Duration::ZERO),
-                _ => {}
-            }
-            let expected = match number {
-                0..=10 => number.saturating_sub(1),
-                // Answers come in their order.
-                11..=23 => 9,
-                _ => number - 1,
-            };
-            assert_eq!(sample.held(), expected, "in {number}");
-        }
-        Ok(())
-    });
-    system.run().unwrap();
-    assert_eq!((health.missed(), health.dropped()), (13, 13));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::common::{self, DRIVE, SpawnOk, TERMINAL, register};
 use luna_ethercat::sim::Network;
 use luna_ethercat::sim::SubDevice;
-use luna_ethercat::{Fault, Sample, State, Wire};
+use luna_ethercat::{Expected, Fault, Sample, State, Wire};
 use std::time::Duration;
 
 #[test]
@@ -76,4 +76,56 @@ fn outputs_are_safe_before_the_reason_is_known() {
     assert_eq!(common::fault(system.run()), expected);
     let seen = states.try_recv().unwrap();
     assert_eq!(seen, (State::SafeOp, vec![0, 0]));
+}
+
+/// Answers that come late are not taken for those of the cycle, which have the same numbers: none
+/// counts from cycle 11 to 23.
+fn delayed(latency: Duration) {
+    // With 64 datagrams a cycle, the number of a frame comes again after four cycles.
+    const COUNT: usize = 62;
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::digital(8, 8).with_clock(0.0));
+    for _ in 1..COUNT {
+        network.add(SubDevice::digital(8, 8));
+    }
+    let terminal = Expected::new("terminal", SubDevice::VENDOR, SubDevice::DIGITAL);
+    let mut system = common::system();
+    let wire = Wire::simulated(&network);
+    let expected = vec![terminal; COUNT];
+    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+    let mut link = bus.link("bus", common::PERIOD);
+    let (level, levels) = register::<Sample<u8>>();
+    link.tolerate(100).input(COUNT - 1, 0, level);
+    let process = link.process().unwrap();
+    let health = process.health();
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        for number in 0..30 {
+            let sample = levels.recv().await?;
+            network.set_inputs(COUNT - 1, &[number]);
+            match number {
+                10 => network.set_latency(latency),
+                20 => network.set_latency(Duration::ZERO),
+                _ => {}
+            }
+            let expected = match number {
+                0..=10 => number.saturating_sub(1),
+                // Answers come in their order.
+                11..=23 => 9,
+                _ => number - 1,
+            };
+            assert_eq!(sample.held(), expected, "in {number}");
+        }
+        Ok(())
+    });
+    system.run().unwrap();
+    assert_eq!((health.missed(), health.dropped()), (13, 13));
+}
+
+#[test]
+fn an_old_answer_with_the_same_number_is_not_used() {
+    // Before the exchange with the same number begins, and while it awaits its own answer.
+    delayed(Duration::from_micros(3_900));
+    delayed(Duration::from_micros(4_100));
 }
