@@ -13,8 +13,9 @@ use luna::{Receiver, Sender};
 use std::any::Any;
 use std::time::Duration;
 
-/// When SYNC0 pulses begin, after they are configured.
-const START_DELAY: Duration = Duration::from_millis(100);
+/// When SYNC0 pulses begin at the earliest, after the time of their start was determined. All
+/// subdevices have to be configured by then, also if two frames of it are lost.
+const START_DELAY: Duration = Duration::from_millis(250);
 
 /// A bus, and its ends of the channels by which processes reach it. Made by
 /// [`Bus::link`](crate::Bus::link); for an example see the [crate](crate).
@@ -240,7 +241,8 @@ impl Link {
             }
             Some(phase) => {
                 let settings = DcConfiguration {
-                    start_delay: START_DELAY,
+                    // The library goes back from there to a multiple of the period.
+                    start_delay: START_DELAY + self.period,
                     sync0_period: self.period,
                     sync0_shift: phase,
                 };

@@ -222,3 +222,31 @@ fn pulses_have_the_period_of_the_program() {
     };
     assert_eq!(common::fault(system.run()), expected);
 }
+
+#[test]
+fn pulses_of_a_long_period_begin() {
+    // A multiple of it is long over, or far away, when they are configured.
+    for period in [Duration::from_millis(1_500), Duration::from_secs(4)] {
+        let network = Network::on_virtual_time();
+        let watchdog = Duration::ZERO;
+        let servo = SubDevice::servo().with_clock(0.0).with_watchdog(watchdog);
+        let drive = network.add(servo);
+        let mut system = common::system();
+        let expected = [Expected::new("drive", SubDevice::VENDOR, SubDevice::SERVO).sync0()];
+        let wire = Wire::simulated(&network);
+        let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+        let mut link = bus.link("bus", period);
+        let (position, positions) = register::<Sample<i32>>();
+        link.follow_clock(PHASE)
+            .start_within(Duration::from_secs(10_000))
+            .input(drive, 2, position);
+        let main = system.executor("main").build().unwrap();
+        main.process("bus").spawn_ok(link.process().unwrap());
+        main.process("control").spawn_ok(async move {
+            positions.recv().await?;
+            assert!(network.sync_phase(drive).is_some());
+            Ok(())
+        });
+        system.run().unwrap();
+    }
+}
