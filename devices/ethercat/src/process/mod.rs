@@ -3,7 +3,9 @@
 mod age;
 mod cycle;
 mod ends;
+mod failures;
 mod running;
+mod start;
 
 pub(crate) use ends::Ends;
 pub(crate) use running::Running;

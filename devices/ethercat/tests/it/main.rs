@@ -10,3 +10,4 @@ mod faults;
 mod interface;
 mod order;
 mod safety;
+mod start;
