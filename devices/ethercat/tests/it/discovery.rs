@@ -28,10 +28,11 @@ fn all_subdevices_are_found_with_their_process_data() {
 fn a_link_brings_the_bus_to_safe_op() {
     let network = common::machine();
     let system = common::system();
-    let process = common::open(&system, &network).unwrap().process().unwrap();
+    let link = common::open(&system, &network).unwrap();
+    assert_eq!(network.state(DRIVE), State::PreOp);
+    let process = link.process().unwrap();
     assert_eq!(network.state(DRIVE), State::SafeOp);
     drop(process);
-    assert_eq!(network.state(DRIVE), State::SafeOp);
 }
 
 #[test]
