@@ -1,7 +1,7 @@
 //! A bus, opened: its subdevices are found, and their process data is mapped.
 
 use crate::error::{OpenError, StepError};
-use crate::exchange::Exchange;
+use crate::exchange::{Broken, Exchange};
 use crate::{Expected, Found, Link, Wire};
 use ethercrab::error::{Error, Item};
 use ethercrab::subdevice_group::{NoDc, PreOp, PreOpPdi};
@@ -164,14 +164,17 @@ fn find(wire: &Wire) -> Result<(Box<MainDevice<'static>>, Exchange, Reached), Op
                 most: MAX_SUBDEVICES,
             });
         }
-        // Nobody sends a frame back.
-        Err(Failed::Bus(Error::Timeout(_))) if main.num_subdevices() == 0 => {
-            return Err(OpenError::Nobody { wire: wire.name() });
+        Err(Failed::Bus(Error::Timeout(_))) if !exchange.has_answer() => {
+            let wire = wire.name();
+            return Err(match exchange.take_refusal() {
+                Some(error) => OpenError::Interface { wire, error },
+                None => OpenError::Nobody { wire },
+            });
         }
         Err(failed) => return Err(failed.at(step).into()),
     };
     if group.is_empty() {
-        return Err(OpenError::Nobody { wire: wire.name() });
+        return Err(OpenError::Uncounted { wire: wire.name() });
     }
     let found = group.iter(&main).map(|each| describe(&each)).collect();
     let clocks = group.iter(&main).map(|each| each.dc_support()).collect();
@@ -200,14 +203,15 @@ fn describe(subdevice: &impl Deref<Target = SubDevice>) -> Found {
 /// A step that did not succeed.
 pub(crate) enum Failed {
     Bus(Error),
-    System(std::io::Error),
+    Broken(Broken),
 }
 
 impl Failed {
     pub(crate) fn at(self, step: &'static str) -> (&'static str, StepError) {
         let error = match self {
             Self::Bus(error) => error.into(),
-            Self::System(error) => StepError::System(error),
+            Self::Broken(Broken::System(error)) => StepError::System(error),
+            Self::Broken(Broken::Panicked(text)) => StepError::Panicked(text),
         };
         (step, error)
     }
@@ -226,7 +230,7 @@ pub(crate) fn block_on<T>(
 ) -> Result<T, Failed> {
     match exchange.block_on(step) {
         Ok(done) => done.map_err(Failed::Bus),
-        Err(error) => Err(Failed::System(error)),
+        Err(broken) => Err(Failed::Broken(broken)),
     }
 }
 

@@ -7,6 +7,7 @@ use crate::{Health, Neutral};
 use ethercrab::{PduRx, PduTx, ReceiveAction};
 use luna::Instant;
 use luna::external::FileError;
+use luna_platform::panics;
 use std::future::Future;
 use std::io;
 use std::pin::Pin;
@@ -26,7 +27,16 @@ pub(crate) struct Exchange {
     /// What the answer to the last frame is recognized by. Its numbers of datagrams come again
     /// after 256 of them, which may be a few cycles.
     tag: u32,
+    has_answer: bool,
+    refusal: Option<io::Error>,
     pub(crate) health: Arc<Health>,
+}
+
+/// Why a step of a set-up cannot go on.
+pub(crate) enum Broken {
+    System(io::Error),
+    /// With these words.
+    Panicked(String),
 }
 
 /// What came of a look for a frame.
@@ -50,6 +60,8 @@ impl Exchange {
             port,
             buffer: Box::new([0; MAX_FRAME]),
             tag: SENDER_TAG,
+            has_answer: false,
+            refusal: None,
             health: Arc::default(),
         }
     }
@@ -58,21 +70,39 @@ impl Exchange {
     ///
     /// # Errors
     ///
-    /// The system cannot wait for the port.
+    /// The system cannot wait for the port, or the library panics, as it does on some answers of
+    /// subdevices.
     pub(crate) fn block_on<F: Future + ?Sized>(
         &mut self,
         mut future: Pin<Box<F>>,
-    ) -> io::Result<F::Output> {
+    ) -> Result<F::Output, Broken> {
         loop {
-            let polled = timer::at(self.port.now(), || poll(future.as_mut()));
+            let now = self.port.now();
+            let polled = panics::catch(|| timer::at(now, || poll(future.as_mut())));
+            let polled = polled.map_err(|payload| {
+                let text = panics::text(&*payload).unwrap_or("without a text");
+                Broken::Panicked(text.to_owned())
+            })?;
             if let Poll::Ready(output) = polled {
                 return Ok(output);
             }
             self.send(false);
-            if matches!(self.receive(), Received::Nothing) {
-                self.port.wait()?;
+            match self.receive() {
+                Received::Nothing => self.port.wait().map_err(Broken::System)?,
+                Received::Unused => {}
+                Received::Answer => self.has_answer = true,
             }
         }
+    }
+
+    /// Whether any frame of a set-up has come back.
+    pub(crate) fn has_answer(&self) -> bool {
+        self.has_answer
+    }
+
+    /// Why the system has refused to send a frame, the last time.
+    pub(crate) fn take_refusal(&mut self) -> Option<io::Error> {
+        self.refusal.take()
     }
 
     /// Sends the first frame of `future` without waiting: [`until`](Self::until) awaits the rest.
@@ -154,13 +184,16 @@ impl Exchange {
                 self.tag = self.tag.wrapping_add(1);
             }
             let (port, buffer, tag) = (&self.port, &mut self.buffer, self.tag);
+            let refusal = &mut self.refusal;
             let send = |bytes: &[u8]| {
                 let to = buffer.get_mut(..bytes.len());
                 let to = to.ok_or(ethercrab::error::Error::SendFrame)?;
                 to.copy_from_slice(bytes);
                 frame::tag(to, tag);
-                port.send(to)
-                    .map_err(|_| ethercrab::error::Error::SendFrame)
+                port.send(to).map_err(|error| {
+                    *refusal = Some(error);
+                    ethercrab::error::Error::SendFrame
+                })
             };
             if frame.send_blocking(send).is_err() {
                 self.health.refused.add();
@@ -197,5 +230,27 @@ impl Exchange {
                 Received::Unused
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Wire;
+    use crate::sim::Network;
+    use ethercrab::PduStorage;
+
+    #[test]
+    fn a_panic_of_the_library_is_an_error() {
+        let storage: &PduStorage<1, { PduStorage::element_size(64) }> =
+            Box::leak(Box::new(PduStorage::new()));
+        let (tx, rx, _pdus) = storage.try_split().ok().unwrap();
+        let port = Wire::simulated(&Network::new()).open().unwrap();
+        let mut exchange = Exchange::new(tx, rx, port);
+        let outcome = exchange.block_on(Box::pin(async { panic!("on purpose") }));
+        let Err::<(), _>(Broken::Panicked(text)) = outcome else {
+            panic!("no panic");
+        };
+        assert_eq!(text, "on purpose");
     }
 }

@@ -5,6 +5,7 @@
 //! after each frame and at their deadline.
 
 use embassy_time_driver::{Driver, TICK_HZ, time_driver_impl};
+use luna_platform::on_drop::OnDrop;
 use std::cell::Cell;
 use std::task::Waker;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -40,9 +41,9 @@ thread_local! {
 /// Polls by another clock than the thread's, at the time `now` (ns).
 pub(crate) fn at<T>(now: u64, poll: impl FnOnce() -> T) -> T {
     let before = SET_UP_TIME.replace(Some(now));
-    let outcome = poll();
-    SET_UP_TIME.set(before);
-    outcome
+    // Also if it panics.
+    let _restore = OnDrop::new(|| SET_UP_TIME.set(before));
+    poll()
 }
 
 /// 2000-01-01, when distributed clocks begin, after 1970-01-01 (ns).
@@ -55,4 +56,17 @@ pub(crate) fn time_of_day() -> u64 {
     u64::try_from(nanos)
         .unwrap_or(u64::MAX)
         .saturating_sub(EPOCH)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use luna_platform::panics;
+
+    #[test]
+    fn a_panic_leaves_no_time_behind() {
+        panics::catch(|| at(5, || panic!("on purpose"))).unwrap_err();
+        assert_eq!(SET_UP_TIME.get(), None);
+        assert_eq!(at(5, || SET_UP_TIME.get()), Some(5));
+    }
 }

@@ -123,6 +123,11 @@ fn an_interface_that_is_not_there() {
         panic!("{error}");
     };
     assert_eq!(wire, "ethercat:luna-none");
+    let text = error.to_string();
+    assert!(
+        text.ends_with("there is no such network interface"),
+        "{text}"
+    );
 }
 
 #[test]
