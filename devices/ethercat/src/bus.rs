@@ -106,6 +106,9 @@ pub fn open(devices: &DeviceManager, wire: &Wire, expected: &[Expected]) -> Resu
 /// Finds the subdevices on `wire`, whatever they are. For set-up, as [`open`]; they are left in
 /// PRE-OP.
 ///
+/// It resets all subdevices, and the device manager does not know of it: never call it for a wire on
+/// which a link runs, which would lose its bus ([`Fault::Left`](crate::Fault::Left)).
+///
 /// # Errors
 ///
 /// [`OpenError`].

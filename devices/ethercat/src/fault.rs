@@ -4,11 +4,11 @@ use crate::{Place, State};
 use luna::external::FileError;
 use std::time::Duration;
 
-/// Why a link has ended. It is the cause of the emergency that the link has raised
-/// ([`luna::emergency`]).
+/// Why a link has ended. A bus that was opened by [`open`](crate::open()) is lost by it: an
+/// emergency, unless [`Device::on_loss`](luna::devices::Device::on_loss) says otherwise. One that
+/// was opened by [`Bus::open`](crate::Bus::open) raises an emergency ([`luna::emergency`]).
 ///
-/// It is the source in [`Error::Other`](luna::Error::Other), returned by
-/// [`System::run`](luna::System::run). After each of them the outputs have their safe values, and
+/// It is the source in [`Error::Other`](luna::Error::Other). After each of them the outputs have their safe values, and
 /// the bus is in SAFE-OP, if it still gets frames.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -85,9 +85,9 @@ pub enum Fault {
         /// How long it had.
         within: Duration,
     },
-    /// The writer of an output exists, but sends nothing any more: it hangs.
+    /// The writer of an output exists, but sends nothing any more.
     #[error(
-        "no set-point for the {place} has come in {cycles} cycles: its writer hangs; if it is set once, give it no greatest age"
+        "no set-point for the {place} has come in {cycles} cycles, and its writer has not ended; if it is set once, give it no greatest age"
     )]
     Overdue {
         /// Which.
@@ -104,6 +104,14 @@ pub enum Fault {
         configured: Duration,
         /// What the loop has.
         given: Duration,
+    },
+    /// The system's file has given the loop a period for which a setting is invalid.
+    #[error("the system's file gives the loop a period of {given:?}: {why}")]
+    Setting {
+        /// What the loop has.
+        given: Duration,
+        /// What is invalid.
+        why: &'static str,
     },
     /// The network interface cannot be waited for.
     #[error("{0}")]

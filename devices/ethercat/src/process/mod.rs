@@ -12,6 +12,7 @@ pub(crate) use running::Running;
 
 use crate::bus::BusDevice;
 use crate::exchange::Exchange;
+use crate::link::wrong_period;
 use crate::{Fault, Found, Health, Neutral};
 use cycle::Cycles;
 use ethercrab::MainDevice;
@@ -155,6 +156,13 @@ impl BusProcess {
             .into());
         }
         // A system file may have given the loop another period.
+        if let Some(why) = wrong_period(tick.period(), &self.parts.ages) {
+            return Err(Fault::Setting {
+                given: tick.period(),
+                why,
+            }
+            .into());
+        }
         self.cycles
             .wait_for(tick.period().mul_f64(self.parts.patience));
         self.parts

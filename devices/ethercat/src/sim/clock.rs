@@ -43,7 +43,9 @@ impl Clock {
     /// Its own time.
     fn local(&self, now: u64) -> u64 {
         let gained = now as f64 * self.drift * 1e-6;
-        (self.begin + now).wrapping_add_signed(gained as i64)
+        self.begin
+            .wrapping_add(now)
+            .wrapping_add_signed(gained as i64)
     }
 
     /// The time that all clocks of a network are to have.
@@ -55,7 +57,7 @@ impl Clock {
 
     /// Remembers when the frame came, and came back.
     pub(super) fn latch(&self, memory: &mut [u8], now: u64, back: u64) {
-        let times = [self.local(now), self.local(now + back)].map(|time| time as u32);
+        let times = [self.local(now), self.local(now.saturating_add(back))].map(|time| time as u32);
         memory[BASE..BASE + 4].copy_from_slice(&times[0].to_le_bytes());
         memory[BASE + 4..BASE + 8].copy_from_slice(&times[1].to_le_bytes());
         memory[RECEIVED..RECEIVED + 8].copy_from_slice(&self.local(now).to_le_bytes());

@@ -65,7 +65,7 @@ pub(super) fn content(name: &str, identity: Identity, outputs: &[u8], inputs: &[
         }
     }
     bytes.extend(END.to_le_bytes());
-    bytes.resize(2048, 0xff);
+    bytes.resize(bytes.len().max(2048), 0xff);
     bytes
 }
 
@@ -80,7 +80,7 @@ pub(super) fn length(bits: &[u8]) -> usize {
 fn pdo(index: u16, manager: u8, bits: &[u8]) -> Vec<u8> {
     let mut bytes = index.to_le_bytes().to_vec();
     bytes.extend([bits.len() as u8, manager, 0, 0, 0, 0]);
-    for (number, bits) in (1..).zip(bits) {
+    for (number, bits) in (1..=u8::MAX).zip(bits) {
         bytes.extend((0x6000_u16 + index % 0x1000).to_le_bytes());
         bytes.extend([number, 0, 0, *bits, 0, 0]);
     }

@@ -1,6 +1,7 @@
 //! The description of a simulated subdevice.
 
 use super::application::{Application, Nothing, Servo};
+use super::sii;
 use std::time::Duration;
 
 /// What a subdevice states about itself.
@@ -40,8 +41,12 @@ impl SubDevice {
     pub const SERVO: u32 = 0x5e44;
 
     /// A subdevice with entries of process data of these lengths (bits, at most 255 each), in
-    /// their order, and with `application` behind them. The bytes of all its outputs, and of all
-    /// its inputs, are at most 2048.
+    /// their order, and with `application` behind them.
+    ///
+    /// # Panics
+    ///
+    /// It does not fit into the memory of a subdevice: there are more than 2048 bytes or 255
+    /// entries of outputs, or of inputs, or more than 255 bytes of the name.
     pub fn new(
         name: &str,
         identity: Identity,
@@ -49,6 +54,14 @@ impl SubDevice {
         inputs: &[u8],
         application: impl Application + 'static,
     ) -> Self {
+        for bits in [outputs, inputs] {
+            let fits = bits.len() <= 255 && sii::length(bits) <= 2048;
+            assert!(fits, "a simulated subdevice has too much process data");
+        }
+        assert!(
+            name.len() <= 255,
+            "a simulated subdevice's name is too long"
+        );
         Self {
             name: name.to_owned(),
             identity,

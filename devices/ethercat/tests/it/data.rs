@@ -2,7 +2,7 @@
 
 use crate::common::{self, DRIVE, PERIOD, SpawnOk, TERMINAL, register};
 use luna_ethercat::sim::Servo;
-use luna_ethercat::{Sample, State};
+use luna_ethercat::{Fault, Sample, State};
 
 #[test]
 fn values_go_both_ways() {
@@ -82,4 +82,21 @@ fn a_system_file_gives_the_bus_another_period() {
         Ok(())
     });
     system.run().unwrap();
+}
+
+#[test]
+fn a_period_from_a_system_file_is_checked() {
+    for (period, part) in [("200 ms", "the greatest age"), ("5 s", "at most 4 s")] {
+        let network = common::machine();
+        let mut system = common::system();
+        common::period_from_file(&mut system, period);
+        let mut link = common::open(&system, &network).unwrap();
+        let (_keep, velocities) = register::<i32>();
+        link.output(DRIVE, 2, 0, velocities);
+        let main = system.executor("main").build().unwrap();
+        main.process("bus").spawn_ok(link.process().unwrap());
+        let fault = common::fault(system.run());
+        assert!(matches!(fault, Fault::Setting { .. }), "{fault}");
+        assert!(fault.to_string().contains(part), "{fault}");
+    }
 }

@@ -158,6 +158,33 @@ fn more_subdevices_than_a_bus_can_have() {
 }
 
 #[test]
+fn a_subdevice_with_many_values_is_whole() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::digital(255, 255));
+    let found = luna_ethercat::scan(&Wire::simulated(&network)).unwrap();
+    assert_eq!(found[0].name, "DIGITAL");
+    let expected = [Expected::new("many", SubDevice::VENDOR, SubDevice::DIGITAL)];
+    let bus = Bus::open(&Wire::simulated(&network), &expected).unwrap();
+    let found = &bus.subdevices()[0];
+    assert_eq!((found.outputs, found.inputs), (32, 32));
+}
+
+#[test]
+#[should_panic(expected = "too much process data")]
+fn a_subdevice_has_a_limit() {
+    SubDevice::new("MUCH", Identity::default(), &[248; 67], &[], Nothing);
+}
+
+#[test]
+fn an_answer_may_come_never() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::servo().with_clock(0.0));
+    network.set_latency(Duration::MAX);
+    let error = luna_ethercat::scan(&Wire::simulated(&network)).unwrap_err();
+    assert!(matches!(error, OpenError::Nobody { .. }), "{error}");
+}
+
+#[test]
 fn values_that_the_bus_does_not_have() {
     let network = common::machine();
     let refused = |connect: &dyn Fn(&mut luna_ethercat::Link)| {
