@@ -17,9 +17,9 @@ pub(crate) const AL_CONTROL: u16 = 0x0120;
 /// belong to the same link.
 ///
 /// One frame sets all outputs to their safe values and requests SAFE-OP of all subdevices, in
-/// which they ignore outputs: none of the link's frames in transit changes them again. The link
-/// itself sends it too when it ends, for whatever reason; and if this program is killed, the
-/// watchdogs of the subdevices expire.
+/// which they ignore outputs. None of the link's frames in transit changes them again; one that the
+/// link sends at that moment is followed by this frame. The link itself sends it too when it ends,
+/// for whatever reason; and if this program is killed, the watchdogs of the subdevices expire.
 #[derive(Clone)]
 pub struct Neutral(Arc<Inner>);
 
@@ -113,10 +113,10 @@ mod tests {
 
     impl Application for Overtaken {
         fn step(&mut self, _: Duration, _: &[u8], _: &mut [u8]) {
-            if let Some(neutral) = self.neutral.get() {
-                if self.frames.fetch_sub(1, Ordering::SeqCst) == 1 {
-                    neutral.0.is_engaged.store(true, Ordering::SeqCst);
-                }
+            if let Some(neutral) = self.neutral.get()
+                && self.frames.fetch_sub(1, Ordering::SeqCst) == 1
+            {
+                neutral.0.is_engaged.store(true, Ordering::SeqCst);
             }
         }
     }

@@ -19,18 +19,17 @@ impl Cycles {
         let elapsed = self.begun.map(|begun| luna::now() - begun);
         let elapsed = elapsed.unwrap_or_default();
         let is_late = elapsed > within;
-        if self.requested.is_none() {
-            if let Some(follower) = self.follower.as_ref().filter(|it| !is_locked(it)) {
-                return match is_late {
-                    true => Err(Fault::NotLocked {
-                        phase_error: self.phase_error,
-                        refused: follower.refused(),
-                        within,
-                    }
-                    .into()),
-                    false => Ok(()),
-                };
-            }
+        let unlocked = self.follower.as_ref().filter(|it| !is_locked(it));
+        if let Some(follower) = unlocked.filter(|_| self.requested.is_none()) {
+            return match is_late {
+                true => Err(Fault::NotLocked {
+                    phase_error: self.phase_error,
+                    refused: follower.refused(),
+                    within,
+                }
+                .into()),
+                false => Ok(()),
+            };
         }
         let Some((position, state)) = answer.not_op else {
             return match is_late {

@@ -176,3 +176,40 @@ fn a_loss_is_what_was_chosen() {
     ));
     assert_eq!(system.report().unwrap().end, End::Completed);
 }
+
+#[test]
+fn a_program_that_is_gone_is_noticed_by_the_watchdog() {
+    let network = common::machine();
+    let mut system = common::system();
+    let mut link = common::open(&system, &network).unwrap();
+    let (lamp, lamps) = register::<bool>();
+    // The link itself is to go on.
+    link.greatest_age(None)
+        .tolerate(1_000)
+        .output_bit(TERMINAL, 0, false, lamps);
+    let process = link.process().unwrap();
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    let seen = network.clone();
+    let (ended, ends) = std::sync::mpsc::channel();
+    main.process("lamp").spawn_ok(async move {
+        lamp.send(true).await?;
+        luna::after(Duration::from_millis(50)).await;
+        assert_eq!(seen.outputs(TERMINAL), [1, 0]);
+        // As if no frame came any more, those at its end included.
+        seen.lose(u32::MAX);
+        // A look lets the subdevices' time pass.
+        luna::after(Duration::from_millis(9)).await;
+        assert_eq!(seen.state(TERMINAL), State::Op);
+        luna::after(Duration::from_millis(101)).await;
+        assert_eq!(
+            (seen.state(TERMINAL), seen.code(TERMINAL)),
+            (State::SafeOp, 0x001b)
+        );
+        assert_eq!(seen.outputs(TERMINAL), [0, 0]);
+        ended.send(()).unwrap();
+        Ok(())
+    });
+    system.run().unwrap();
+    ends.try_recv().unwrap();
+}
