@@ -14,8 +14,8 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll, Waker};
 
-/// The limit of frames that are looked at in one cycle, so that a flood does not block the
-/// executor.
+/// The limit of frames without a use that are looked at at a time, so that a flood does not block
+/// the executor.
 const MAX_AT_ONCE: u32 = 64;
 
 /// Carries the frames of the library.
@@ -134,32 +134,28 @@ impl Exchange {
     ) -> Result<Option<F::Output>, FileError> {
         let is_engaged = || neutral.is_some_and(Neutral::is_engaged);
         let mut left = MAX_AT_ONCE;
-        // The library offers a frame again after its timeout, or if the system has refused it.
-        let mut may_send = true;
         loop {
+            // Polled at the begin and with an answer alone: the library would offer a frame again
+            // after its own timeout, and refuse the answer to the first one.
             if let Poll::Ready(output) = poll(future.as_mut()) {
                 return Ok(Some(output));
             }
-            let is_late = luna::now() >= deadline;
-            if left == 0 || is_engaged() {
+            if luna::now() >= deadline || is_engaged() {
                 return Ok(None);
             }
-            if may_send && !is_late {
-                may_send = false;
-                self.send(true);
-                if is_engaged() {
-                    // If the system refuses, the watchdogs remain.
-                    let _ = neutral.map(Neutral::try_engage);
-                    return Ok(None);
-                }
+            self.send(true);
+            if is_engaged() {
+                // If the system refuses, the watchdogs remain.
+                let _ = neutral.map(Neutral::try_engage);
+                return Ok(None);
             }
-            match self.receive() {
-                Received::Nothing if is_late => return Ok(None),
-                Received::Nothing => self.port.readable(deadline).await?,
-                Received::Unused => left -= 1,
-                Received::Answer => {
-                    left -= 1;
-                    may_send = true;
+            loop {
+                match self.receive() {
+                    Received::Answer => break,
+                    Received::Unused if left > 0 => left -= 1,
+                    Received::Unused => return Ok(None),
+                    Received::Nothing if luna::now() >= deadline => return Ok(None),
+                    Received::Nothing => self.port.readable(deadline).await?,
                 }
             }
         }
@@ -176,8 +172,7 @@ impl Exchange {
         }
     }
 
-    /// Sends what waits to be sent. If `is_tagged`, under a tag that no frame has had: only its
-    /// answer counts.
+    /// Sends what waits to be sent. If `is_tagged`, under the next tag: only its answer counts.
     fn send(&mut self, is_tagged: bool) {
         while let Some(frame) = self.tx.next_sendable_frame() {
             if is_tagged {

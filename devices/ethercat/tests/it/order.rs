@@ -6,9 +6,9 @@ use luna_ethercat::sim::SubDevice;
 use luna_ethercat::{Expected, Fault, Sample, State, Wire};
 use std::time::Duration;
 
-#[test]
-fn a_frame_that_was_lost_is_not_sent_again() {
-    // The library would send it again after 100 ms, when it is looked at.
+/// Runs a bus with a period of 400 ms: each frame goes out once, though the library would send it
+/// again after 100 ms. Returns the missed cycles.
+fn long(fault: impl FnOnce(&Network) + Send + 'static) -> u64 {
     const PERIOD: Duration = Duration::from_millis(400);
     let network = Network::on_virtual_time();
     for subdevice in [SubDevice::digital(16, 8), SubDevice::servo()] {
@@ -24,18 +24,28 @@ fn a_frame_that_was_lost_is_not_sent_again() {
     let health = process.health();
     let main = system.executor("main").build().unwrap();
     main.process("bus").spawn_ok(process);
-    let counted = health.clone();
     main.process("control").spawn_ok(async move {
         positions.recv().await?;
         let before = network.frames();
-        network.lose(1);
-        // Longer than the answer is awaited.
-        luna::after(PERIOD.mul_f64(1.95)).await;
-        assert_eq!((network.frames() - before, counted.missed()), (1, 1));
+        fault(&network);
+        // Until after the time for which the answer of the last cycle is awaited.
+        luna::after(PERIOD.mul_f64(3.95)).await;
+        assert_eq!(network.frames() - before, 3);
         Ok(())
     });
     system.run().unwrap();
-    assert_eq!(health.missed(), 1);
+    health.missed()
+}
+
+#[test]
+fn a_frame_that_was_lost_is_not_sent_again() {
+    assert_eq!(long(|network| network.lose(1)), 1);
+}
+
+#[test]
+fn an_answer_may_take_longer_than_the_librarys_timeout() {
+    let slow = Duration::from_millis(250);
+    assert_eq!(long(move |network| network.set_latency(slow)), 0);
 }
 
 #[test]
