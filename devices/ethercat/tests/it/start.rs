@@ -102,7 +102,7 @@ fn a_subdevice_that_refuses_op_ends_the_start() {
         }
     });
     let fault = common::fault(system.run());
-    // At the second request, since the answer to the first one may have been late.
+    // It is asked before the second request.
     let expected = Fault::NotOperational {
         position: DRIVE,
         state: State::SafeOp,
