@@ -1,7 +1,7 @@
 //! A bus, opened: its subdevices are found, and their process data is mapped.
 
 use crate::error::{OpenError, StepError};
-use crate::exchange::Exchange;
+use crate::exchange::{Broken, Exchange};
 use crate::{Expected, Found, Link, Wire, sdo};
 use ethercrab::error::{Error, Item};
 use ethercrab::subdevice_group::{NoDc, PreOp, PreOpPdi};
@@ -10,9 +10,7 @@ use ethercrab::{
     SubDevice, SubDeviceGroup, Timeouts,
 };
 use luna::devices::{Device, DeviceError, DeviceManager, Sharing};
-use std::any::Any;
 use std::ops::Deref;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::time::Duration;
 
 /// The most subdevices of a bus.
@@ -112,6 +110,9 @@ pub fn open(devices: &DeviceManager, wire: &Wire, expected: &[Expected]) -> Resu
 /// Finds the subdevices on `wire`, whatever they are. For set-up, as [`open`]; they are left in
 /// PRE-OP.
 ///
+/// It resets all subdevices, and the device manager does not know of it: never call it for a wire on
+/// which a link runs, which would lose its bus ([`Fault::Left`](crate::Fault::Left)).
+///
 /// # Errors
 ///
 /// [`OpenError`].
@@ -171,14 +172,17 @@ fn find(wire: &Wire) -> Result<(Box<MainDevice<'static>>, Exchange, Reached), Op
                 most: MAX_SUBDEVICES,
             });
         }
-        // Nobody sends a frame back.
-        Err(Failed::Bus(Error::Timeout(_))) if main.num_subdevices() == 0 => {
-            return Err(OpenError::Nobody { wire: wire.name() });
+        Err(Failed::Bus(Error::Timeout(_))) if !exchange.has_answer() => {
+            let wire = wire.name();
+            return Err(match exchange.take_refusal() {
+                Some(error) => OpenError::Interface { wire, error },
+                None => OpenError::Nobody { wire },
+            });
         }
         Err(failed) => return Err(failed.at(step).into()),
     };
     if group.is_empty() {
-        return Err(OpenError::Nobody { wire: wire.name() });
+        return Err(OpenError::Uncounted { wire: wire.name() });
     }
     let found = group.iter(&main).map(|each| describe(&each)).collect();
     let clocks = group.iter(&main).map(|each| each.dc_support()).collect();
@@ -209,7 +213,7 @@ pub(crate) enum Failed {
     Bus(Error),
     /// A subdevice has sent an emergency message in place of an answer.
     Emergency,
-    System(std::io::Error),
+    Broken(Broken),
 }
 
 impl Failed {
@@ -217,7 +221,8 @@ impl Failed {
         let error = match self {
             Self::Bus(error) => error.into(),
             Self::Emergency => StepError::Emergency,
-            Self::System(error) => StepError::System(error),
+            Self::Broken(Broken::System(error)) => StepError::System(error),
+            Self::Broken(Broken::Panicked(text)) => StepError::Panicked(text),
         };
         (step, error)
     }
@@ -234,20 +239,12 @@ pub(crate) fn block_on<T>(
     exchange: &mut Exchange,
     step: std::pin::Pin<Box<impl Future<Output = Result<T, Error>>>>,
 ) -> Result<T, Failed> {
-    // Of the exchange only buffers are changed, and a bus that has failed is not used again.
-    let outcome = catch_unwind(AssertUnwindSafe(|| exchange.block_on(step)));
-    match outcome {
-        Ok(Ok(done)) => done.map_err(Failed::Bus),
-        Ok(Err(error)) => Err(Failed::System(error)),
+    match exchange.block_on(step) {
+        Ok(done) => done.map_err(Failed::Bus),
         // The library asserts that no emergency message comes.
-        Err(panic) if is_emergency(&*panic) => Err(Failed::Emergency),
-        Err(panic) => resume_unwind(panic),
+        Err(Broken::Panicked(text)) if text.contains("Emergency") => Err(Failed::Emergency),
+        Err(broken) => Err(Failed::Broken(broken)),
     }
-}
-
-fn is_emergency(panic: &(dyn Any + Send)) -> bool {
-    let text = panic.downcast_ref::<String>();
-    text.is_some_and(|text| text.contains("Emergency"))
 }
 
 impl Bus {

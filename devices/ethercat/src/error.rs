@@ -10,7 +10,7 @@ use std::io;
 #[non_exhaustive]
 pub enum OpenError {
     /// The network interface cannot be used.
-    #[error("{wire} cannot be opened: {error}; it is to be up, and needs CAP_NET_RAW")]
+    #[error("{wire} cannot be used: {error}{}", hint(error))]
     Interface {
         /// Which.
         wire: String,
@@ -21,9 +21,15 @@ pub enum OpenError {
     /// The bus is in use in this program.
     #[error("{0}")]
     Device(#[source] DeviceError),
-    /// No subdevice answers.
-    #[error("no subdevice answers on {wire}: check their power and the cable")]
+    /// No frame comes back.
+    #[error("no frame comes back on {wire}: check the subdevices' power and the cable")]
     Nobody {
+        /// Where.
+        wire: String,
+    },
+    /// Frames come back, and no subdevice has counted them.
+    #[error("frames come back on {wire}, but from no subdevice: something else is connected")]
+    Uncounted {
         /// Where.
         wire: String,
     },
@@ -129,6 +135,9 @@ pub enum SdoError {
     /// The system cannot wait for the network interface.
     #[error("{0}")]
     System(#[source] io::Error),
+    /// The library has panicked, with these words: it does so on some answers of subdevices.
+    #[error("`ethercrab` has panicked: {0}")]
+    Panicked(String),
 }
 
 /// Why a link cannot be made.
@@ -231,10 +240,41 @@ pub enum StepError {
     /// The system cannot wait for the network interface.
     #[error("{0}")]
     System(#[source] io::Error),
+    /// The library has panicked, with these words: it does so on some answers of subdevices.
+    #[error("`ethercrab` has panicked: {0}")]
+    Panicked(String),
+}
+
+fn hint(error: &io::Error) -> &'static str {
+    match error.raw_os_error() {
+        Some(libc::EPERM | libc::EACCES) => "; it needs CAP_NET_RAW",
+        Some(libc::ENODEV | libc::ENXIO) => "; there is no such network interface",
+        Some(libc::ENETDOWN) => "; the network interface is to be up",
+        _ => "",
+    }
 }
 
 impl From<ethercrab::error::Error> for StepError {
     fn from(error: ethercrab::error::Error) -> Self {
         Self::Bus(error.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interface_that_is_down_is_to_be_up() {
+        let open = |code| OpenError::Interface {
+            wire: "ethercat:eth0".to_owned(),
+            error: io::Error::from_raw_os_error(code),
+        };
+        let [down, denied] = [libc::ENETDOWN, libc::EPERM].map(|code| open(code).to_string());
+        assert!(
+            down.ends_with("; the network interface is to be up"),
+            "{down}"
+        );
+        assert!(denied.ends_with("; it needs CAP_NET_RAW"), "{denied}");
     }
 }

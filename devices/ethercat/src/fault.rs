@@ -4,21 +4,33 @@ use crate::{Place, State};
 use luna::external::FileError;
 use std::time::Duration;
 
-/// Why a link has ended. It is the cause of the emergency that the link has raised
-/// ([`luna::emergency`]).
+/// Why a link has ended. A bus that was opened by [`open`](crate::open()) is lost by it: an
+/// emergency, unless [`Device::on_loss`](luna::devices::Device::on_loss) says otherwise. One that
+/// was opened by [`Bus::open`](crate::Bus::open) raises an emergency ([`luna::emergency`]).
 ///
-/// It is the source in [`Error::Other`](luna::Error::Other), returned by
-/// [`System::run`](luna::System::run). After each of them the outputs have their safe values, and
+/// It is the source in [`Error::Other`](luna::Error::Other). After each of them the outputs have their safe values, and
 /// the bus is in SAFE-OP, if it still gets frames.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
     /// Too many cycles had no answer in time, or a wrong working counter.
-    #[error("{}", too_many_errors(*in_a_row, *silent))]
+    #[error(
+        "too many cycles failed, {in_a_row} in a row at last: {}",
+        too_many_errors(*missed, *miscounted, *counter, *expected, *silent)
+    )]
     TooManyErrors {
         /// The failed cycles in a row.
         in_a_row: u32,
-        /// The first subdevice that did not answer in the last of them, if frames came back.
+        /// The cycles without an answer in time, since failures were last outweighed by good
+        /// cycles ([`Link::tolerate`](crate::Link::tolerate)).
+        missed: u32,
+        /// The cycles with a wrong working counter since then.
+        miscounted: u32,
+        /// The working counter in the last of these.
+        counter: Option<u16>,
+        /// What it is if all subdevices take part.
+        expected: u16,
+        /// The first subdevice that did not answer in the last of these.
         silent: Option<usize>,
     },
     /// A subdevice has left the operational state by itself.
@@ -31,9 +43,9 @@ pub enum Fault {
         /// Its reason, an AL status code; none if it did not answer.
         code: Option<u16>,
     },
-    /// A subdevice did not become operational in time.
+    /// A subdevice refused to become operational, or was not so in time.
     #[error(
-        "the subdevice at position {position} did not reach OP within {within:?}: it is in {state}, {}",
+        "the subdevice at position {position} was not in OP after {after:?}: it is in {state}, {}",
         code_text(*code)
     )]
     NotOperational {
@@ -43,22 +55,39 @@ pub enum Fault {
         state: State,
         /// Its reason, an AL status code; none if it did not answer.
         code: Option<u16>,
-        /// How long it had.
+        /// The time since the first cycle.
+        after: Duration,
+    },
+    /// All subdevices are in OP, and one did not take part in process data in time.
+    #[error(
+        "the working counter was {counter} instead of {expected} for {within:?}: all subdevices are in OP, and one takes no part in the process data"
+    )]
+    Miscounted {
+        /// The last one.
+        counter: u16,
+        /// What it is if all subdevices take part.
+        expected: u16,
+        /// How long they had.
         within: Duration,
     },
     /// The loop was not in step with the reference clock in time.
     #[error(
-        "the loop was not in step with the reference clock within {within:?}: the phase error is {phase_error} ns at last; give it a greater tolerance, or less lateness"
+        "the loop was not in step with the reference clock within {within:?}: {}",
+        not_locked(*phase_error, *refused)
     )]
     NotLocked {
-        /// By how much the loop's slot came after the clock's (ns).
-        phase_error: i64,
+        /// By how much the loop's last measured slot came after the clock's (ns); none if none was
+        /// measured.
+        phase_error: Option<i64>,
+        /// How often the clock's time was not used, since its frame was under way for too long
+        /// ([`Link::clock_tolerance`](crate::Link::clock_tolerance)).
+        refused: u64,
         /// How long it had.
         within: Duration,
     },
-    /// The writer of an output exists, but sends nothing any more: it hangs.
+    /// The writer of an output exists, but sends nothing any more.
     #[error(
-        "no set-point for the {place} has come in {cycles} cycles: its writer hangs; if it is set once, give it no greatest age"
+        "no set-point for the {place} has come in {cycles} cycles, and its writer has not ended; if it is set once, give it no greatest age"
     )]
     Overdue {
         /// Which.
@@ -76,6 +105,14 @@ pub enum Fault {
         /// What the loop has.
         given: Duration,
     },
+    /// The system's file has given the loop a period for which a setting is invalid.
+    #[error("the system's file gives the loop a period of {given:?}: {why}")]
+    Setting {
+        /// What the loop has.
+        given: Duration,
+        /// What is invalid.
+        why: &'static str,
+    },
     /// The network interface cannot be waited for.
     #[error("{0}")]
     Wait(#[source] FileError),
@@ -89,15 +126,40 @@ pub enum Fault {
     RunTwice,
 }
 
-fn too_many_errors(in_a_row: u32, silent: Option<usize>) -> String {
-    match silent {
-        Some(position) => format!(
-            "the subdevice at position {position} does not answer, for {in_a_row} cycles in a row at last: check its power and the cable before it"
+fn too_many_errors(
+    missed: u32,
+    miscounted: u32,
+    counter: Option<u16>,
+    expected: u16,
+    silent: Option<usize>,
+) -> String {
+    let counts = match counter {
+        Some(counter) => format!(
+            "{missed} had no answer in time, {miscounted} a wrong working counter, {counter} instead of {expected} at last"
         ),
-        None => format!(
-            "too many frames were lost or had a wrong working counter, {in_a_row} in a row at last: check power and cables"
+        None => format!("{missed} had no answer in time"),
+    };
+    match (counter, silent) {
+        (_, Some(position)) => format!(
+            "{counts}; the subdevice at position {position} did not answer then: check its power and the cable before it"
+        ),
+        (Some(_), None) => {
+            format!("{counts}; all subdevices answered then, and one took no part in process data")
+        }
+        (None, None) => format!(
+            "{counts}; check the cable to the first subdevice, and whether this computer sends and receives in time"
         ),
     }
+}
+
+fn not_locked(phase_error: Option<i64>, refused: u64) -> String {
+    let measured = match phase_error {
+        Some(error) => format!("the phase error is {error} ns at last"),
+        None => "no phase error was measured".to_owned(),
+    };
+    format!(
+        "{measured}, and {refused} readings were not used since their frames were under way for too long; give it a greater tolerance, or less lateness"
+    )
 }
 
 fn code_text(code: Option<u16>) -> String {

@@ -13,6 +13,10 @@ const DATAGRAM: usize = 12;
 const SENDER: [u8; 6] = [0x10; 6];
 /// Where the sender's address is.
 const SENDER_AT: usize = 6;
+/// The part of it that subdevices leave as it is.
+const TAG_AT: std::ops::Range<usize> = 8..12;
+/// That part of [`SENDER`].
+pub(crate) const SENDER_TAG: u32 = 0x1010_1010;
 const MORE: u16 = 1 << 15;
 const LENGTH: u16 = 0x07ff;
 
@@ -118,6 +122,22 @@ pub(crate) fn is_request(frame: &[u8]) -> bool {
         && frame[SENDER_AT] & 0x02 == 0
 }
 
+/// Writes a tag into the sender's address: the answer has it too.
+pub(crate) fn tag(frame: &mut [u8], tag: u32) {
+    if let Some(part) = frame.get_mut(TAG_AT) {
+        part.copy_from_slice(&tag.to_be_bytes());
+    }
+}
+
+/// Replaces the tag by what all frames of the library have there. Returns the tag; none if the
+/// frame is too short.
+pub(crate) fn take_tag(frame: &mut [u8]) -> Option<u32> {
+    let part = frame.get_mut(TAG_AT)?.first_chunk_mut()?;
+    let tag = u32::from_be_bytes(*part);
+    *part = SENDER_TAG.to_be_bytes();
+    Some(tag)
+}
+
 /// Marks the frame as answered, as the first subdevice does.
 pub(crate) fn mark_answered(frame: &mut [u8]) {
     frame[SENDER_AT] |= 0x02;
@@ -182,6 +202,19 @@ mod tests {
         ];
         assert_eq!(seen, expected);
         assert!(datagrams(&mut frame).all(|each| word(each.counter, 0) == 3));
+    }
+
+    #[test]
+    fn a_tag_comes_back_with_the_answer() {
+        let frame = Writer::new().datagram(command::BRD, 0, &[0; 4]).finish();
+        let mut tagged = frame.clone();
+        tag(&mut tagged, 0x0102_0304);
+        assert!(is_request(&tagged));
+        mark_answered(&mut tagged);
+        assert_eq!(take_tag(&mut tagged), Some(0x0102_0304));
+        assert_eq!(tagged[SENDER_AT + 1..], frame[SENDER_AT + 1..]);
+        assert_eq!(take_tag(&mut tagged), Some(SENDER_TAG));
+        assert_eq!(take_tag(&mut tagged[..11]), None);
     }
 
     #[test]

@@ -23,11 +23,14 @@ counters! {
     cycles,
     /// Cycles without an answer in time.
     missed,
-    /// The most of these in a row.
+    /// The most cycles in a row without an answer in time, or with a wrong working counter. Those
+    /// before OP in which all subdevices answered are left out.
     longest_silence,
-    /// Cycles with a wrong working counter: a subdevice did not take part.
+    /// Cycles with a wrong working counter, or without all states: a subdevice did not take part.
+    /// Before OP too, where some take no outputs.
     miscounted,
-    /// Frames that were not used: of earlier cycles, doubled, foreign, or malformed.
+    /// Frames that came and were not used: the answers to earlier cycles and to the frames that make
+    /// the bus safe, doubled, foreign, or malformed ones.
     dropped,
     /// Frames that the system refused to send, or errors that it returned in place of one.
     refused,
@@ -68,7 +71,8 @@ impl Health {
         }
     }
 
-    /// By how much the loop's last measured slot came after that of the reference clock (ns).
+    /// By how much the loop's last measured slot came after that of the reference clock (ns); 0 if
+    /// none was measured.
     pub fn phase_error(&self) -> i64 {
         self.clock.phase_error.load(Ordering::Relaxed)
     }

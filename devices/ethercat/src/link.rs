@@ -13,8 +13,9 @@ use luna::{Receiver, Sender};
 use std::any::Any;
 use std::time::Duration;
 
-/// When SYNC0 pulses begin, after they are configured.
-const START_DELAY: Duration = Duration::from_millis(100);
+/// When SYNC0 pulses begin at the earliest, after the time of their start was determined. All
+/// subdevices have to be configured by then, also if two frames of it are lost.
+const START_DELAY: Duration = Duration::from_millis(250);
 
 /// A bus, and its ends of the channels by which processes reach it. Made by
 /// [`Bus::link`](crate::Bus::link); for an example see the [crate](crate).
@@ -110,9 +111,8 @@ impl Link {
     }
 
     /// How long a set-point is held when no new one comes, for the outputs that are connected from
-    /// now on: 100 ms if not stated, the usual watchdog of a subdevice. After that its writer
-    /// counts as hanging: the link ends with [`Fault::Overdue`](crate::Fault::Overdue), an
-    /// emergency. Counted in whole periods, from OP on. `None` holds it as long as there is a
+    /// now on: 100 ms if not stated, the usual watchdog of a subdevice. After that the link ends
+    /// with [`Fault::Overdue`](crate::Fault::Overdue), an emergency. Counted in whole periods, from OP on. `None` holds it as long as there is a
     /// sender, for set-points that are sent once.
     pub fn greatest_age(&mut self, age: Option<Duration>) -> &mut Self {
         self.greatest_age = age;
@@ -129,8 +129,8 @@ impl Link {
     }
 
     /// The phase error up to which the loop counts as in step; a fiftieth of the period if not
-    /// stated. Cycles are not used to follow the clock whose frame was under way for longer than
-    /// ten times that.
+    /// stated. A reading of the clock is not used if its frame was under way for too long: for more
+    /// than ten times that, from its sending to its answer.
     pub fn clock_tolerance(&mut self, tolerance: Duration) -> &mut Self {
         self.clock_tolerance = Some(tolerance);
         self
@@ -142,8 +142,14 @@ impl Link {
         self
     }
 
-    /// How many cycles in a row may have no answer or a wrong working counter; default 10. The link
-    /// ends as well if more than one cycle in 11 fails for long.
+    /// How many cycles in a row may have no answer or a wrong working counter, after good ones;
+    /// default 10. 0 ends the link at the first.
+    ///
+    /// Each such cycle fills a bucket by 10, and each good one takes 1 out; the link ends when it
+    /// holds more than 10 times this number. So fewer in a row end it while earlier ones are not
+    /// outweighed, and it ends as well if more than one cycle in 11 fails for long. Before OP, a
+    /// wrong working counter does not count while all subdevices answer: see
+    /// [`start_within`](Self::start_within).
     pub fn tolerate(&mut self, cycles: u32) -> &mut Self {
         self.tolerated = cycles;
         self
@@ -164,17 +170,13 @@ impl Link {
 
     /// The text of an error for an invalid setting.
     fn wrong(&self) -> Option<&'static str> {
-        let is_short = |age: &Option<Duration>| age.is_some_and(|age| age < self.period);
-        if self.period.is_zero() || self.period > Duration::from_secs(4) {
-            return Some("a bus' period is more than 0, and at most 4 s");
+        if let Some(wrong) = wrong_period(self.period, &self.ages) {
+            return Some(wrong);
         }
         if !(self.patience > 0.0 && self.patience < 1.0) {
             return Some(
                 "the part of the period for which an answer is awaited is more than 0 and less than 1",
             );
-        }
-        if self.ages.iter().any(is_short) {
-            return Some("the greatest age of set-points is a period of the link or more");
         }
         if self.clock_phase.is_some_and(|phase| phase >= self.period) {
             return Some("the phase to the reference clock is less than a period");
@@ -240,7 +242,8 @@ impl Link {
             }
             Some(phase) => {
                 let settings = DcConfiguration {
-                    start_delay: START_DELAY,
+                    // The library goes back from there to a multiple of the period.
+                    start_delay: START_DELAY + self.period,
                     sync0_period: self.period,
                     sync0_shift: phase,
                 };
@@ -293,6 +296,17 @@ impl Link {
             .map_err(|_| LinkError::Setting("a bus' period is more than 0"))?;
         Ok(Some(follower.phase(phase).tolerance(tolerance)))
     }
+}
+
+/// The text of an error for a period that does not fit, also to the ages of outputs.
+pub(crate) fn wrong_period(period: Duration, ages: &[Option<Duration>]) -> Option<&'static str> {
+    if period.is_zero() || period > Duration::from_secs(4) {
+        return Some("a bus' period is more than 0, and at most 4 s");
+    }
+    let is_short = |age: &Option<Duration>| age.is_some_and(|age| age < period);
+    ages.iter()
+        .any(is_short)
+        .then_some("the greatest age of set-points is a period of the link or more")
 }
 
 impl std::fmt::Debug for Link {

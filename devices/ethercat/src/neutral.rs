@@ -17,9 +17,9 @@ pub(crate) const AL_CONTROL: u16 = 0x0120;
 /// belong to the same link.
 ///
 /// One frame sets all outputs to their safe values and requests SAFE-OP of all subdevices, in
-/// which they ignore outputs: none of the link's frames in transit changes them again. The link
-/// itself sends it too when it ends, for whatever reason; and if this program is killed, the
-/// watchdogs of the subdevices expire.
+/// which they ignore outputs. None of the link's frames in transit changes them again; one that the
+/// link sends at that moment is followed by this frame. The link itself sends it too when it ends,
+/// for whatever reason; and if this program is killed, the watchdogs of the subdevices expire.
 #[derive(Clone)]
 pub struct Neutral(Arc<Inner>);
 
@@ -89,5 +89,74 @@ impl fmt::Debug for Neutral {
         f.debug_struct("Neutral")
             .field("is_engaged", &self.is_engaged())
             .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Application, Identity, Network, SubDevice};
+    use crate::{Expected, Wire};
+    use luna::{Buffer, System};
+    use std::sync::OnceLock;
+    use std::sync::atomic::AtomicU32;
+    use std::time::Duration;
+
+    /// Marks the bus as made safe while a frame is on its way, as a thread does whose own frames
+    /// go out before that one.
+    #[derive(Debug)]
+    struct Overtaken {
+        neutral: Arc<OnceLock<Neutral>>,
+        /// Until that frame.
+        frames: AtomicU32,
+    }
+
+    impl Application for Overtaken {
+        fn step(&mut self, _: Duration, _: &[u8], _: &mut [u8]) {
+            if let Some(neutral) = self.neutral.get()
+                && self.frames.fetch_sub(1, Ordering::SeqCst) == 1
+            {
+                neutral.0.is_engaged.store(true, Ordering::SeqCst);
+            }
+        }
+    }
+
+    #[test]
+    fn a_request_of_op_that_overtakes_it_is_taken_back() {
+        let network = Network::on_virtual_time();
+        let late = Arc::new(OnceLock::new());
+        let overtaken = Overtaken {
+            neutral: late.clone(),
+            // After an exchange comes the request.
+            frames: AtomicU32::new(2),
+        };
+        let identity = Identity::default();
+        network.add(SubDevice::new("LAMP", identity, &[8], &[8], overtaken));
+        let mut system = System::new("test");
+        system.virtual_clock();
+        let expected = [Expected::new("lamp", 0, 0)];
+        let wire = Wire::simulated(&network);
+        let bus = crate::open(&system.devices(), &wire, &expected).unwrap();
+        let mut link = bus.link("bus", Duration::from_millis(1));
+        let (_keep, lamps) = luna::buffered::<u8>(Buffer::overwrite_oldest(1));
+        link.output(0, 0, 0, lamps);
+        let process = link.process().unwrap();
+        let neutral = process.neutral();
+        late.set(neutral.clone()).unwrap();
+        let main = system.executor("main").build().unwrap();
+        main.process("bus").spawn(process).unwrap();
+        let (sent, states) = luna::buffered(Buffer::fifo(1));
+        main.process("look")
+            .spawn(async move {
+                while !neutral.is_engaged() {
+                    luna::after(Duration::from_micros(100)).await;
+                }
+                sent.send(network.state(0)).await?;
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+        let state = states.try_recv().unwrap();
+        assert_eq!(state, State::SafeOp);
     }
 }

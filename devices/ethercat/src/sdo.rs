@@ -3,7 +3,7 @@
 use crate::Expected;
 use crate::bus::{Failed, Group, block_on};
 use crate::error::{OpenError, SdoError};
-use crate::exchange::Exchange;
+use crate::exchange::{Broken, Exchange};
 use ethercrab::MainDevice;
 use ethercrab::error::{Error, MailboxError};
 use ethercrab::subdevice_group::PreOp;
@@ -114,7 +114,8 @@ pub(crate) fn configure(
                 Ok(there) if sdo.is_check && there != sdo.value => SdoError::Differs { there },
                 Ok(_) => continue,
                 Err(Failed::Emergency) => SdoError::OtherMessage,
-                Err(Failed::System(error)) => SdoError::System(error),
+                Err(Failed::Broken(Broken::System(error))) => SdoError::System(error),
+                Err(Failed::Broken(Broken::Panicked(text))) => SdoError::Panicked(text),
                 Err(Failed::Bus(error)) => error.into(),
             };
             return Err(OpenError::Sdo {

@@ -3,13 +3,16 @@
 mod age;
 mod cycle;
 mod ends;
+mod failures;
 mod running;
+mod start;
 
 pub(crate) use ends::Ends;
 pub(crate) use running::Running;
 
 use crate::bus::BusDevice;
 use crate::exchange::Exchange;
+use crate::link::wrong_period;
 use crate::{Fault, Found, Health, Neutral};
 use cycle::Cycles;
 use ethercrab::MainDevice;
@@ -28,8 +31,8 @@ use std::time::Duration;
 /// It ends, with all outputs at their safe values and the bus in SAFE-OP, when all writers of its
 /// outputs are gone; without outputs, when all readers of its inputs are. Real-time path: yes, all
 /// of a cycle; O(subdevices, and connected values), no allocation; one system call to send a
-/// frame, one to receive each that has come, and those of
-/// [`readable`](luna::external::readable) to wait.
+/// frame, one to receive each that has come, one that finds none before the cycle's first frame and
+/// before each wait, and those of [`readable`](luna::external::readable) to wait.
 #[must_use = "a link is a process: spawn it"]
 pub struct BusProcess {
     parts: Parts,
@@ -65,7 +68,7 @@ impl BusProcess {
         follower: Option<Follower>,
     ) -> Self {
         let health = exchange.health.clone();
-        let cycles = Cycles::new(&parts, main, exchange, running, follower);
+        let cycles = Cycles::new(&parts, main, exchange, running, neutral.clone(), follower);
         Self {
             parts,
             cycles,
@@ -153,6 +156,13 @@ impl BusProcess {
             .into());
         }
         // A system file may have given the loop another period.
+        if let Some(why) = wrong_period(tick.period(), &self.parts.ages) {
+            return Err(Fault::Setting {
+                given: tick.period(),
+                why,
+            }
+            .into());
+        }
         self.cycles
             .wait_for(tick.period().mul_f64(self.parts.patience));
         self.parts

@@ -17,25 +17,67 @@ pub(crate) enum Running {
 }
 
 /// What came back of an exchange of process data.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Answer {
     pub(super) counter: u16,
-    /// The first subdevice that is not in OP.
+    /// The first subdevice that answered and is not in OP.
     pub(super) not_op: Option<(usize, State)>,
+    /// The first subdevice that did not answer.
+    pub(super) silent: Option<usize>,
+    /// Whether there is a state of each subdevice, and none is silent.
+    pub(super) is_complete: bool,
     /// The time of the reference clock when it had the frame.
     pub(super) time: Option<u64>,
 }
 
 impl Answer {
-    fn new<T>(response: &TxRxResponse<MAX_SUBDEVICES, T>, time: Option<u64>) -> Self {
+    fn of<T>(
+        response: &TxRxResponse<MAX_SUBDEVICES, T>,
+        subdevices: usize,
+        time: Option<u64>,
+    ) -> Self {
         let states = response.subdevice_states.iter();
-        let mut states = states.map(|state| State::of((*state).into())).enumerate();
-        Self {
-            counter: response.working_counter,
-            not_op: states.find(|(_, state)| *state != State::Op),
-            time,
-        }
+        let states = states.map(|state| State::of((*state).into()));
+        Self::new(response.working_counter, states, subdevices, time)
     }
+
+    fn new(
+        counter: u16,
+        states: impl ExactSizeIterator<Item = State>,
+        subdevices: usize,
+        time: Option<u64>,
+    ) -> Self {
+        let mut answer = Self {
+            counter,
+            not_op: None,
+            silent: None,
+            is_complete: states.len() == subdevices,
+            time,
+        };
+        for (position, state) in states.enumerate() {
+            match state {
+                State::Op => {}
+                State::Silent => {
+                    answer.silent.get_or_insert(position);
+                    answer.is_complete = false;
+                }
+                _ => {
+                    answer.not_op.get_or_insert((position, state));
+                }
+            }
+        }
+        answer
+    }
+}
+
+/// The state of a subdevice.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Status {
+    pub(super) state: State,
+    /// Whether it has refused a state, or left one by itself.
+    pub(super) has_failed: bool,
+    /// Its reason.
+    pub(super) code: u16,
 }
 
 macro_rules! of_group {
@@ -54,12 +96,13 @@ impl Running {
             // The library's other function would wait for its own lock for ever without a clock.
             Self::Clockless(group) => {
                 let response = group.tx_rx(main).await?;
-                return Ok(Answer::new(&response, None));
+                return Ok(Answer::of(&response, group.len(), None));
             }
             Self::Free(group) => group.tx_rx_sync_system_time(main).await?,
             Self::Clocked(group) => group.tx_rx_sync_system_time(main).await?,
         };
-        Ok(Answer::new(&response, response.extra))
+        let subdevices = of_group!(self, group => group.len());
+        Ok(Answer::of(&response, subdevices, response.extra))
     }
 
     /// Sets the outputs of a subdevice.
@@ -94,17 +137,52 @@ impl Running {
             .await
     }
 
-    /// The state of a subdevice, and its reason.
+    /// Asks a subdevice for its state.
     pub(super) async fn status(
         &self,
         main: &MainDevice<'_>,
         position: usize,
-    ) -> Result<(State, u16), Error> {
+    ) -> Result<Status, Error> {
         let address =
             of_group!(self, group => group.subdevice(main, position)?.configured_address());
-        let read = |register: RegisterAddress| Command::fprd(address, register.into());
-        let status: u16 = read(RegisterAddress::AlStatus).receive(main).await?;
-        let code: u16 = read(RegisterAddress::AlStatusCode).receive(main).await?;
-        Ok((State::of((status & 0x0f) as u8), code))
+        // The state, a word that is reserved, the code.
+        let read = Command::fprd(address, RegisterAddress::AlStatus.into());
+        let [status, _, _, _, code @ ..]: [u8; 6] = read.receive(main).await?;
+        Ok(Status {
+            state: State::of(status & 0x0f),
+            has_failed: status & 0x10 != 0,
+            code: u16::from_le_bytes(code),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Answer, State};
+
+    fn answer(
+        states: &[State],
+        subdevices: usize,
+    ) -> (Option<(usize, State)>, Option<usize>, bool) {
+        let answer = Answer::new(0, states.iter().copied(), subdevices, None);
+        (answer.not_op, answer.silent, answer.is_complete)
+    }
+
+    #[test]
+    fn a_silent_subdevice_hides_no_other() {
+        let (op, silent, safe) = (State::Op, State::Silent, State::SafeOp);
+        let left = Some((2, safe));
+        assert_eq!(
+            answer(&[op, silent, safe, silent], 4),
+            (left, Some(1), false)
+        );
+        assert_eq!(answer(&[op, op, safe, State::Init], 4), (left, None, true));
+        assert_eq!(answer(&[op, op], 2), (None, None, true));
+    }
+
+    #[test]
+    fn a_state_that_is_missing_is_noticed() {
+        assert_eq!(answer(&[State::Op], 2), (None, None, false));
+        assert_eq!(answer(&[], 1), (None, None, false));
     }
 }

@@ -11,6 +11,7 @@ const OFFSET: usize = 0x0920;
 const DELAY: usize = 0x0928;
 const DIFFERENCE: usize = 0x092c;
 const ACTIVATION: usize = 0x0981;
+const START: usize = 0x0990;
 const CYCLE: usize = 0x09a0;
 
 /// An oscillator, and what was written to adjust it.
@@ -22,6 +23,8 @@ pub(super) struct Clock {
     begin: u64,
     /// By how much the system's time was moved since it was last set.
     adjusted: i64,
+    /// Whether SYNC0 comes: its start was not over when it was activated.
+    has_start: bool,
     /// When the last process data came, after SYNC0 (ns).
     pub(super) phase: Option<u64>,
 }
@@ -32,6 +35,7 @@ impl Clock {
             drift,
             begin,
             adjusted: 0,
+            has_start: false,
             phase: None,
         }
     }
@@ -39,7 +43,9 @@ impl Clock {
     /// Its own time.
     fn local(&self, now: u64) -> u64 {
         let gained = now as f64 * self.drift * 1e-6;
-        (self.begin + now).wrapping_add_signed(gained as i64)
+        self.begin
+            .wrapping_add(now)
+            .wrapping_add_signed(gained as i64)
     }
 
     /// The time that all clocks of a network are to have.
@@ -51,7 +57,7 @@ impl Clock {
 
     /// Remembers when the frame came, and came back.
     pub(super) fn latch(&self, memory: &mut [u8], now: u64, back: u64) {
-        let times = [self.local(now), self.local(now + back)].map(|time| time as u32);
+        let times = [self.local(now), self.local(now.saturating_add(back))].map(|time| time as u32);
         memory[BASE..BASE + 4].copy_from_slice(&times[0].to_le_bytes());
         memory[BASE + 4..BASE + 8].copy_from_slice(&times[1].to_le_bytes());
         memory[RECEIVED..RECEIVED + 8].copy_from_slice(&self.local(now).to_le_bytes());
@@ -74,17 +80,23 @@ impl Clock {
         self.adjusted = 0;
     }
 
+    /// SYNC0 was activated, or stopped. A start that is over never comes.
+    pub(super) fn activate(&mut self, memory: &[u8], now: u64) {
+        let start = u64::from_le_bytes(array(memory, START));
+        self.has_start = start > self.system_time(memory, now);
+    }
+
     /// The period of SYNC0, if it is active (ns).
-    pub(super) fn sync_period(memory: &[u8]) -> Option<u64> {
+    fn sync_period(&self, memory: &[u8]) -> Option<u64> {
         let is_active = memory[ACTIVATION] & 0b11 == 0b11;
         let period = u64::from(word(memory, CYCLE)) | u64::from(word(memory, CYCLE + 2)) << 16;
-        (is_active && period > 0).then_some(period)
+        (is_active && self.has_start && period > 0).then_some(period)
     }
 
     /// Process data has come.
     pub(super) fn note_process_data(&mut self, memory: &[u8], now: u64) {
         // SYNC0 begins at a multiple of its period.
-        let period = Self::sync_period(memory);
+        let period = self.sync_period(memory);
         self.phase = period.map(|period| self.system_time(memory, now) % period);
     }
 }
@@ -96,4 +108,9 @@ fn array<const N: usize>(memory: &[u8], at: usize) -> [u8; N] {
 pub(super) fn is_offset(register: u16, length: usize) -> bool {
     let (from, to) = (usize::from(register), usize::from(register) + length);
     from < DELAY && to > OFFSET
+}
+
+pub(super) fn is_activation(register: u16, length: usize) -> bool {
+    let from = usize::from(register);
+    (from..from + length).contains(&ACTIVATION)
 }

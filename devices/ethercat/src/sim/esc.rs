@@ -265,6 +265,10 @@ impl Esc {
                 if clock::is_offset(register, from.len()) {
                     self.clock.iter_mut().for_each(Clock::set);
                 }
+                if clock::is_activation(register, from.len()) {
+                    let clock = self.clock.iter_mut();
+                    clock.for_each(|clock| clock.activate(&self.memory, now));
+                }
             }
         }
         true

@@ -99,7 +99,7 @@ impl Line {
     pub(super) fn process(&mut self, bytes: &mut [u8], now: u64) -> bool {
         let reached = self.reached();
         for (position, esc) in self.subdevices.iter_mut().enumerate() {
-            esc.advance(now + HOP * position as u64);
+            esc.advance(now.saturating_add(HOP * position as u64));
         }
         if reached == 0 || !frame::is_request(bytes) {
             return false;
@@ -109,7 +109,7 @@ impl Line {
             for position in 0..reached {
                 let esc = &mut self.subdevices[position];
                 let hops = [position, reached - 1 - position].map(|it| HOP * it as u64);
-                serve(esc, &mut datagram, now + hops[0], 2 * hops[1]);
+                serve(esc, &mut datagram, now.saturating_add(hops[0]), 2 * hops[1]);
             }
             let is_process_data = datagram.command == command::LRW;
             if is_process_data && self.faults.miscounted > 0 {

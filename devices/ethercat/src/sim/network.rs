@@ -236,12 +236,15 @@ impl Network {
             return;
         }
         let mut answer = Answer {
-            at: now + line.latency,
+            at: now.saturating_add(line.latency),
             length: bytes.len(),
             bytes: [0; MAX_FRAME],
         };
         answer.bytes[..bytes.len()].copy_from_slice(bytes);
-        if line.process(&mut answer.bytes[..bytes.len()], now + line.latency / 2) {
+        if line.process(
+            &mut answer.bytes[..bytes.len()],
+            now.saturating_add(line.latency / 2),
+        ) {
             line.answers.push_back(answer);
         }
     }

@@ -102,7 +102,7 @@ pub(super) fn content(
         category(&mut bytes, kind, &content);
     }
     bytes.extend(END.to_le_bytes());
-    bytes.resize(2048, 0xff);
+    bytes.resize(bytes.len().max(2048), 0xff);
     bytes
 }
 

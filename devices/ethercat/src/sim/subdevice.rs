@@ -41,8 +41,12 @@ impl SubDevice {
     pub const SERVO: u32 = 0x5e44;
 
     /// A subdevice with entries of process data of these lengths (bits, at most 255 each), in
-    /// their order, and with `application` behind them. The bytes of all its outputs, and of all
-    /// its inputs, are at most 2048.
+    /// their order, and with `application` behind them.
+    ///
+    /// # Panics
+    ///
+    /// It does not fit into the memory of a subdevice: there are more than 2048 bytes or 255
+    /// entries of outputs, or of inputs, or more than 255 bytes of the name.
     pub fn new(
         name: &str,
         identity: Identity,
@@ -50,9 +54,18 @@ impl SubDevice {
         inputs: &[u8],
         application: impl Application + 'static,
     ) -> Self {
+        for bits in [outputs, inputs] {
+            let length: usize = bits.iter().map(|bits| usize::from(*bits)).sum();
+            let fits = bits.len() <= 255 && length <= 8 * 2048;
+            assert!(fits, "a simulated subdevice has too much process data");
+        }
+        assert!(
+            name.len() <= 255,
+            "a simulated subdevice's name is too long"
+        );
         let pdos =
             [(0x1600, 0x7000, outputs), (0x1a00, 0x6000, inputs)].map(|(pdo, index, bits)| {
-                let entries = (1..).zip(bits).map(|(sub, bits)| Entry {
+                let entries = (1..=u8::MAX).zip(bits).map(|(sub, bits)| Entry {
                     index,
                     sub,
                     bits: *bits,

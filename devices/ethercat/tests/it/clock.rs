@@ -102,7 +102,43 @@ fn a_clock_that_is_too_wrong_is_not_followed() {
     let main = system.executor("main").build().unwrap();
     main.process("bus").spawn_ok(link.process().unwrap());
     let fault = common::fault(system.run());
-    assert!(matches!(fault, Fault::NotLocked { .. }), "{fault}");
+    let is_measured = matches!(
+        fault,
+        Fault::NotLocked {
+            phase_error: Some(_),
+            refused: 0,
+            ..
+        }
+    );
+    assert!(is_measured, "{fault}");
+}
+
+#[test]
+fn a_clock_whose_frames_are_too_long_under_way_is_not_followed() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::servo().with_clock(0.0));
+    let mut system = common::system();
+    let expected = [Expected::new("drive", SubDevice::VENDOR, SubDevice::SERVO)];
+    let wire = Wire::simulated(&network);
+    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+    let mut link = bus.link("bus", PERIOD);
+    link.follow_clock(PHASE)
+        .start_within(Duration::from_millis(500));
+    let (_keep, velocities) = register::<i32>();
+    link.output(0, 2, 0, velocities);
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(link.process().unwrap());
+    network.set_latency(PERIOD / 2);
+    let fault = common::fault(system.run());
+    let Fault::NotLocked {
+        phase_error: None,
+        refused,
+        ..
+    } = fault
+    else {
+        panic!("{fault}");
+    };
+    assert!(refused > 400, "{refused}");
 }
 
 #[test]
@@ -221,4 +257,32 @@ fn pulses_have_the_period_of_the_program() {
         given: 2 * PERIOD,
     };
     assert_eq!(common::fault(system.run()), expected);
+}
+
+#[test]
+fn pulses_of_a_long_period_begin() {
+    // A multiple of it is long over, or far away, when they are configured.
+    for period in [Duration::from_millis(1_500), Duration::from_secs(4)] {
+        let network = Network::on_virtual_time();
+        let watchdog = Duration::ZERO;
+        let servo = SubDevice::servo().with_clock(0.0).with_watchdog(watchdog);
+        let drive = network.add(servo);
+        let mut system = common::system();
+        let expected = [Expected::new("drive", SubDevice::VENDOR, SubDevice::SERVO).sync0()];
+        let wire = Wire::simulated(&network);
+        let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+        let mut link = bus.link("bus", period);
+        let (position, positions) = register::<Sample<i32>>();
+        link.follow_clock(PHASE)
+            .start_within(Duration::from_secs(10_000))
+            .input(drive, 2, position);
+        let main = system.executor("main").build().unwrap();
+        main.process("bus").spawn_ok(link.process().unwrap());
+        main.process("control").spawn_ok(async move {
+            positions.recv().await?;
+            assert!(network.sync_phase(drive).is_some());
+            Ok(())
+        });
+        system.run().unwrap();
+    }
 }

@@ -1,8 +1,8 @@
 //! Process data both ways.
 
 use crate::common::{self, DRIVE, PERIOD, SpawnOk, TERMINAL, register};
-use luna_ethercat::sim::Servo;
-use luna_ethercat::{Sample, State};
+use luna_ethercat::sim::{Identity, Network, Nothing, Servo, SubDevice};
+use luna_ethercat::{Expected, Fault, Sample, State, Wire};
 
 #[test]
 fn values_go_both_ways() {
@@ -82,4 +82,54 @@ fn a_system_file_gives_the_bus_another_period() {
         Ok(())
     });
     system.run().unwrap();
+}
+
+#[test]
+fn a_period_from_a_system_file_is_checked() {
+    for (period, part) in [("200 ms", "the greatest age"), ("5 s", "at most 4 s")] {
+        let network = common::machine();
+        let mut system = common::system();
+        common::period_from_file(&mut system, period);
+        let mut link = common::open(&system, &network).unwrap();
+        let (_keep, velocities) = register::<i32>();
+        link.output(DRIVE, 2, 0, velocities);
+        let main = system.executor("main").build().unwrap();
+        main.process("bus").spawn_ok(link.process().unwrap());
+        let fault = common::fault(system.run());
+        assert!(matches!(fault, Fault::Setting { .. }), "{fault}");
+        assert!(fault.to_string().contains(part), "{fault}");
+    }
+}
+
+#[test]
+fn states_that_find_no_room_come_in_a_second_frame() {
+    let network = Network::on_virtual_time();
+    let identity = Identity::default();
+    // 1464 bytes, of which one frame has room for 1466 beside the clock.
+    let outputs = [244; 48];
+    let much = SubDevice::new("MUCH", identity, &outputs, &[], Nothing).with_clock(0.0);
+    network.add(much);
+    let mut system = common::system();
+    let wire = Wire::simulated(&network);
+    let expected = [Expected::new("much", 0, 0)];
+    let bus = luna_ethercat::open(&system.devices(), &wire, &expected).unwrap();
+    let mut link = bus.link("bus", PERIOD);
+    let (last, lasts) = register::<u8>();
+    link.output(0, 1_463, 0, lasts);
+    let process = link.process().unwrap();
+    let health = process.health();
+    let main = system.executor("main").build().unwrap();
+    main.process("bus").spawn_ok(process);
+    main.process("control").spawn_ok(async move {
+        luna::after(5 * PERIOD / 2).await;
+        assert_eq!(network.state(0), State::Op);
+        last.send(7).await?;
+        let frames = network.frames();
+        luna::after(10 * PERIOD).await;
+        assert_eq!(network.frames() - frames, 20);
+        assert_eq!(network.outputs(0)[1_463], 7);
+        Ok(())
+    });
+    system.run().unwrap();
+    assert_eq!((health.missed(), health.miscounted()), (0, 0));
 }

@@ -28,10 +28,11 @@ fn all_subdevices_are_found_with_their_process_data() {
 fn a_link_brings_the_bus_to_safe_op() {
     let network = common::machine();
     let system = common::system();
-    let process = common::open(&system, &network).unwrap().process().unwrap();
+    let link = common::open(&system, &network).unwrap();
+    assert_eq!(network.state(DRIVE), State::PreOp);
+    let process = link.process().unwrap();
     assert_eq!(network.state(DRIVE), State::SafeOp);
     drop(process);
-    assert_eq!(network.state(DRIVE), State::SafeOp);
 }
 
 #[test]
@@ -122,6 +123,11 @@ fn an_interface_that_is_not_there() {
         panic!("{error}");
     };
     assert_eq!(wire, "ethercat:luna-none");
+    let text = error.to_string();
+    assert!(
+        text.ends_with("there is no such network interface"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -149,6 +155,33 @@ fn more_subdevices_than_a_bus_can_have() {
     }
     let error = luna_ethercat::scan(&Wire::simulated(&network)).unwrap_err();
     assert!(matches!(error, OpenError::TooMany { most: 64 }), "{error}");
+}
+
+#[test]
+fn a_subdevice_with_many_values_is_whole() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::digital(255, 255));
+    let found = luna_ethercat::scan(&Wire::simulated(&network)).unwrap();
+    assert_eq!(found[0].name, "DIGITAL");
+    let expected = [Expected::new("many", SubDevice::VENDOR, SubDevice::DIGITAL)];
+    let bus = Bus::open(&Wire::simulated(&network), &expected).unwrap();
+    let found = &bus.subdevices()[0];
+    assert_eq!((found.outputs, found.inputs), (32, 32));
+}
+
+#[test]
+#[should_panic(expected = "too much process data")]
+fn a_subdevice_has_a_limit() {
+    SubDevice::new("MUCH", Identity::default(), &[248; 67], &[], Nothing);
+}
+
+#[test]
+fn an_answer_may_come_never() {
+    let network = Network::on_virtual_time();
+    network.add(SubDevice::servo().with_clock(0.0));
+    network.set_latency(Duration::MAX);
+    let error = luna_ethercat::scan(&Wire::simulated(&network)).unwrap_err();
+    assert!(matches!(error, OpenError::Nobody { .. }), "{error}");
 }
 
 #[test]

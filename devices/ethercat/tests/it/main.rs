@@ -8,5 +8,7 @@ mod data;
 mod discovery;
 mod faults;
 mod interface;
+mod order;
 mod safety;
 mod sdo;
+mod start;
