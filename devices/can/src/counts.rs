@@ -54,7 +54,8 @@ impl Counts {
         self.0.errors.load(Ordering::Relaxed)
     }
 
-    /// Events for which their channel had no room, or that has no receiver.
+    /// Events for which their channel had no room, or that has no receiver. So for the reports of
+    /// a [`HeartbeatConsumer`](crate::canopen::HeartbeatConsumer).
     pub fn unreported(&self) -> u64 {
         self.0.unreported.load(Ordering::Relaxed)
     }

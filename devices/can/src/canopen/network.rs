@@ -64,10 +64,14 @@ impl<P: Port> Network<P> {
         SdoClient::new(node, self.outgoing.clone(), frames)
     }
 
-    /// A process that watches heartbeats, and reports to a channel.
+    /// A process that watches heartbeats, and reports to a channel. The controller does not end
+    /// before the receivers of these reports are gone.
     pub fn heartbeats(&mut self, events: Sender<NodeEvent>) -> HeartbeatConsumer {
-        let frames = self.frames(Filter::standard(0x700, 0x780));
-        HeartbeatConsumer::new(frames, events)
+        let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        let filters = [Filter::standard(0x700, 0x780)];
+        self.controller
+            .add_passed_on(&filters, sender, events.clone());
+        HeartbeatConsumer::new(frames, events, self.counts())
     }
 
     /// A process that sends the heartbeat of a node that this program is. Each state that comes

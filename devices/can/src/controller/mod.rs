@@ -7,7 +7,7 @@ use luna::devices::Device;
 use luna::external::LinkError;
 use luna::realtime::off_path;
 use luna::{Error, Process, Receiver, Sender};
-use routing::{Ends, Route, Routing, Stop, Typed, give_way};
+use routing::{Ends, PassedOn, Route, Routing, Stop, Take, Typed, give_way};
 use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
@@ -139,13 +139,28 @@ impl<P: Port> Controller<P> {
         decode: impl Fn(&Frame) -> Option<T> + Send + 'static,
         sender: Sender<T>,
     ) {
-        let sender = match P::IS_OUTSIDE {
-            true => sender.external(),
-            false => sender,
-        };
+        let sender = outside::<P, T>(sender);
+        self.add_route(filters, Box::new(Typed { sender, decode }));
+    }
+
+    /// For a process that passes on to `reader` what it makes of frames: it counts as gone when the
+    /// receivers of `reader` are.
+    pub(crate) fn add_passed_on<T: Send + 'static>(
+        &mut self,
+        filters: &[Filter],
+        frames: Sender<Frame>,
+        reader: Sender<T>,
+    ) {
+        let sender = outside::<P, Frame>(frames);
+        let decode = |frame: &Frame| Some(*frame);
+        let to = Typed { sender, decode };
+        self.add_route(filters, Box::new(PassedOn { to, reader }));
+    }
+
+    fn add_route(&mut self, filters: &[Filter], to: Box<dyn Take>) {
         self.receivers.push(Route {
             filters: filters.to_vec(),
-            to: Box::new(Typed { sender, decode }),
+            to,
         });
         self.is_full.push(false);
     }
@@ -153,10 +168,7 @@ impl<P: Port> Controller<P> {
     /// Reports events to this channel. It does not wait for it either: an event without room is
     /// [counted](Counts::unreported).
     pub fn events(mut self, events: Sender<Event>) -> Self {
-        self.events = Some(match P::IS_OUTSIDE {
-            true => events.external(),
-            false => events,
-        });
+        self.events = Some(outside::<P, Event>(events));
         self
     }
 
@@ -169,6 +181,14 @@ impl<P: Port> Controller<P> {
     /// What it counts.
     pub fn counts(&self) -> Counts {
         self.counts.clone()
+    }
+}
+
+/// A sender of what comes from outside of the system, if it does.
+fn outside<P: Port, T: Send>(sender: Sender<T>) -> Sender<T> {
+    match P::IS_OUTSIDE {
+        true => sender.external(),
+        false => sender,
     }
 }
 

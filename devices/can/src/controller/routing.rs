@@ -55,6 +55,22 @@ impl<T: Send, F: Fn(&Frame) -> Option<T> + Send> Take for Typed<T, F> {
     }
 }
 
+/// A receiver that passes on to `reader` what it makes of frames.
+pub(super) struct PassedOn<T, F, R> {
+    pub(super) to: Typed<T, F>,
+    pub(super) reader: Sender<R>,
+}
+
+impl<T: Send, F: Fn(&Frame) -> Option<T> + Send, R: Send> Take for PassedOn<T, F, R> {
+    fn take(&self, frame: &Frame) -> Taken {
+        self.to.take(frame)
+    }
+
+    fn ended(&self) -> Ended<'_> {
+        self.reader.ended()
+    }
+}
+
 /// What received frames and reports go to.
 pub(super) struct Routing<'a> {
     pub(super) receivers: &'a [Route],
