@@ -2,7 +2,7 @@
 
 use super::heartbeat::{HeartbeatConsumer, HeartbeatProducer};
 use super::pdo::{self, PdoProducer, SyncProducer};
-use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoValue, SdoClient};
+use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoError, PdoValue, SdoClient};
 use crate::{Controller, Counts, Event, Filter, Frame, OnBusOff, Port, controller};
 use luna::devices::Device;
 use luna::{Buffer, Receiver, Sender};
@@ -102,17 +102,31 @@ impl<P: Port> Network<P> {
 
     /// Gives the values of a PDO that a node transmits to a channel, by the controller: see
     /// [`Controller::receive_as`]. A PDO of another length is [counted](Counts::malformed).
-    pub fn tpdo<T: PdoValue>(&mut self, id: u16, sender: Sender<T>) {
-        self.receive_as(&[Filter::standard(id, 0x7FF)], pdo::decode::<T>, sender);
+    ///
+    /// # Errors
+    ///
+    /// [`PdoError::Identifier`].
+    pub fn tpdo<T: PdoValue>(&mut self, id: u16, sender: Sender<T>) -> Result<(), PdoError> {
+        let filter = Filter::standard(pdo::checked(id)?, 0x7FF);
+        self.receive_as(&[filter], pdo::decode::<T>, sender);
+        Ok(())
     }
 
     /// A process that sends the values of a channel as a PDO that a node receives.
-    pub fn rpdo<T: PdoValue>(&self, id: u16, values: Receiver<T>) -> PdoProducer<T> {
-        PdoProducer {
-            id,
+    ///
+    /// # Errors
+    ///
+    /// [`PdoError::Identifier`].
+    pub fn rpdo<T: PdoValue>(
+        &self,
+        id: u16,
+        values: Receiver<T>,
+    ) -> Result<PdoProducer<T>, PdoError> {
+        Ok(PdoProducer {
+            id: pdo::checked(id)?,
             values,
             frames: self.outgoing.clone(),
-        }
+        })
     }
 
     /// A process that sends SYNC messages; the channel switches it off and on.

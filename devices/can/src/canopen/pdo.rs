@@ -56,9 +56,10 @@ pub enum PdoError {
     /// The number of a PDO is 1 to 512.
     #[error("PDOs are counted from 1 to 512")]
     Number,
-    /// The identifier has more than 11 bits.
-    #[error("the identifier of a PDO has 11 bits")]
-    Identifier,
+    /// The identifier is not one of those that are left for PDOs: other services have it, or it
+    /// has more than 11 bits.
+    #[error("{0:03X}h is no identifier of a PDO: those are 181h to 57Fh and 680h to 6DFh")]
+    Identifier(u16),
     /// The objects have more than 8 bytes.
     #[error("the objects in a PDO have {0} bytes, but there is room for 8")]
     TooLong(usize),
@@ -67,6 +68,15 @@ pub enum PdoError {
 impl From<PdoError> for luna::Error {
     fn from(error: PdoError) -> Self {
         luna::Error::other(error)
+    }
+}
+
+/// The identifier, if a PDO can have it. Those of NMT, SYNC, EMCY, TIME, SDO and heartbeats, and
+/// those that CiA 301 reserves, are for no PDO.
+pub(super) fn checked(id: u16) -> Result<u16, PdoError> {
+    match id {
+        0x181..0x580 | 0x680..0x6E0 => Ok(id),
+        _ => Err(PdoError::Identifier(id)),
     }
 }
 
@@ -82,17 +92,16 @@ impl PdoSetting {
         id: u16,
         transmission: Transmission,
     ) -> Result<Self, PdoError> {
-        match (number, id) {
-            (1..=512, 0..0x800) => Ok(Self {
-                direction,
-                number,
-                id,
-                transmission,
-                objects: Vec::new(),
-            }),
-            (1..=512, _) => Err(PdoError::Identifier),
-            _ => Err(PdoError::Number),
+        if !(1..=512).contains(&number) {
+            return Err(PdoError::Number);
         }
+        Ok(Self {
+            direction,
+            number,
+            id: checked(id)?,
+            transmission,
+            objects: Vec::new(),
+        })
     }
 
     /// Adds an object of this type behind those that are there.

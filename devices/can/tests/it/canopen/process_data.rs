@@ -32,11 +32,11 @@ fn process_data_goes_both_ways_by_event_and_by_sync() {
     let mut network = master(&mut bench);
     let (transmitted, received) = (id().tpdo(1).unwrap(), id().rpdo(1).unwrap());
     let (value, values) = luna::buffered::<(u16, i32)>(Buffer::fifo(16));
-    network.tpdo(transmitted, value);
+    network.tpdo(transmitted, value).unwrap();
     let (status, statuses) = luna::buffered::<u16>(Buffer::fifo(16));
-    network.tpdo(id().tpdo(2).unwrap(), status);
+    network.tpdo(id().tpdo(2).unwrap(), status).unwrap();
     let (target, targets) = luna::channel::<(u16, i32)>();
-    let producer = network.rpdo(received, targets);
+    let producer = network.rpdo(received, targets).unwrap();
     let (switch, switches) = luna::channel::<bool>();
     let sync = network.sync(Duration::from_millis(10), switches);
     let (mut sdo, nmt) = (network.sdo(id()), network.nmt());
@@ -98,7 +98,6 @@ fn a_mapping_that_cannot_be_is_refused_here_or_there() {
     let (tpdo, event) = (Direction::Tpdo, Transmission::OnEvent);
     let new = move |number, id| PdoSetting::new(tpdo, number, id, event);
     assert_eq!(new(0, 0x185).unwrap_err(), PdoError::Number);
-    assert_eq!(new(1, 0x800).unwrap_err(), PdoError::Identifier);
     let full = new(1, 0x185)
         .and_then(|setting| setting.map::<u64>(POSITION))
         .unwrap();
@@ -127,6 +126,32 @@ fn a_mapping_that_cannot_be_is_refused_here_or_there() {
 }
 
 #[test]
+fn identifiers_of_other_services_are_for_no_pdo() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let mut network = master(&mut bench);
+    let others = [
+        0, 1, 0x7F, 0x80, 0x85, 0x100, 0x180, 0x580, 0x585, 0x600, 0x605, 0x67F, 0x6E0, 0x700,
+        0x705, 0x7FF, 0x800, 0x985, 0x8000, 0xFFFF,
+    ];
+    for (id, is_one) in others
+        .map(|id| (id, false))
+        .into_iter()
+        .chain([0x181, 0x205, 0x57F, 0x680, 0x6DF].map(|id| (id, true)))
+    {
+        let expected = match is_one {
+            true => Ok(()),
+            false => Err(PdoError::Identifier(id)),
+        };
+        let setting = PdoSetting::new(Direction::Rpdo, 1, id, Transmission::OnEvent);
+        assert_eq!(setting.map(drop), expected);
+        assert_eq!(network.tpdo(id, luna::channel::<u16>().0), expected);
+        let producer = network.rpdo(id, luna::channel::<u16>().1);
+        assert_eq!(producer.map(drop), expected);
+    }
+}
+
+#[test]
 fn process_data_of_another_length_is_counted_and_reported() {
     let _watch = watchdog();
     let mut bench = Bench::new();
@@ -134,7 +159,7 @@ fn process_data_of_another_length_is_counted_and_reported() {
     let (event, events) = luna::buffered(Buffer::fifo(16));
     let mut network = master(&mut bench).events(event);
     let (value, values) = luna::buffered::<(u16, i32)>(Buffer::fifo(16));
-    network.tpdo(0x185, value);
+    network.tpdo(0x185, value).unwrap();
     let counts = network.counts();
     bench.main.process("master").spawn_ok(network.controller());
     let listener = bench.open("listener");
