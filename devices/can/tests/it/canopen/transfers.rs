@@ -192,6 +192,14 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
             vec![begin(20), [1, 0, 0, 0, 0, 0, 0, 0]],
             AbortCode::WRONG_LENGTH,
         ),
+        // Segments without data, which could go on for ever.
+        (
+            vec![
+                [0x40, 0x08, 0x10, 0, 0, 0, 0, 0],
+                [0x0E, 0, 0, 0, 0, 0, 0, 0],
+            ],
+            AbortCode::UNKNOWN_COMMAND,
+        ),
         // An answer to another request in the middle.
         (
             vec![begin(20), [0x60, 0x08, 0x10, 0, 0, 0, 0, 0]],
@@ -213,6 +221,77 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
             let (node, object) = (id(), NAME);
             assert_eq!(error, SdoError::Protocol { node, object, code });
         }
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
+fn a_bus_that_takes_no_frames_holds_up_no_transfer() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let mut network = master(&mut bench);
+    let mut sdo = network.sdo(id()).timeout(TIMEOUT);
+    let sender = network.sender();
+    bench.main.process("master").spawn_ok(network.controller());
+    let other = bench.node("other");
+    let control = bench.control.clone();
+    // No other node acknowledges what the master sends, so its frame waits.
+    control.cut("other");
+    bench.main.process("user").spawn_ok(async move {
+        while sender.try_send(frame(0x123, &[])).is_ok() {
+            luna::after(Duration::from_millis(1)).await;
+        }
+        let begin = luna::now();
+        for object in [SPEED, NAME] {
+            let (node, limit) = (id(), TIMEOUT);
+            let error = SdoError::TimedOut {
+                node,
+                object,
+                limit,
+            };
+            assert_eq!(sdo.upload(object).await, Err(error));
+        }
+        assert_eq!(luna::now() - begin, 2 * TIMEOUT);
+        control.connect("other");
+        drop(other);
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
+fn a_late_answer_is_for_no_other_request() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let server = bench.node("server");
+    let mut network = master(&mut bench);
+    let mut sdo = network.sdo(id()).timeout(TIMEOUT);
+    bench.main.process("master").spawn_ok(network.controller());
+    let [low, high] = SPEED.index.to_le_bytes();
+    let written = [0x60, low, high, SPEED.sub, 0, 0, 0, 0];
+    let refused = [0x80, low, high, SPEED.sub, 0, 0, 0, 8];
+    let refused_other = [0x80, 0x08, 0x10, 0, 0, 0, 0, 8];
+    bench.main.process("answers").spawn_ok(async move {
+        let answer = async |data: &[u8]| server.send.send(frame(id().sdo_response(), data)).await;
+        // The first write is confirmed when it was given up, and the client has said so.
+        server.received.recv().await?;
+        assert_eq!(server.received.recv().await?.data()[0], 0x80);
+        luna::after(TIMEOUT / 2).await;
+        answer(&written).await?;
+        // The second is refused, after an abort for another object.
+        assert_eq!(server.received.recv().await?.data()[4], 200);
+        answer(&refused_other).await?;
+        answer(&refused).await?;
+        drop(server);
+        Ok(())
+    });
+    bench.main.process("user").spawn_ok(async move {
+        let first = sdo.write(SPEED, 100_i16).await;
+        assert!(matches!(first, Err(SdoError::TimedOut { .. })), "{first:?}");
+        let (node, object, code) = (id(), SPEED, AbortCode::GENERAL);
+        let error = SdoError::Aborted { node, object, code };
+        assert_eq!(sdo.write(SPEED, 200_i16).await, Err(error));
         Ok(())
     });
     bench.run().unwrap();
