@@ -287,8 +287,17 @@ async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts
             Err(error) if error.is_closed() => return Stop::Closed,
             Err(_) => return Stop::Poisoned,
         };
-        if let Err(error) = port.transmit(frame).await {
-            return error.into();
+        let mut sending = pin!(port.transmit(frame));
+        let mut poisoned = pin!(outgoing.poisoned());
+        let sent = poll_fn(|cx| {
+            if let Poll::Ready(sent) = sending.as_mut().poll(cx) {
+                return Poll::Ready(sent.map_err(Stop::from));
+            }
+            // A bus that takes no frames holds up no end.
+            poisoned.as_mut().poll(cx).map(|_| Err(Stop::Poisoned))
+        });
+        if let Err(stop) = sent.await {
+            return stop;
         }
         counts.add_sent();
         give_way(number).await;

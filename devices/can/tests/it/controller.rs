@@ -125,6 +125,33 @@ fn a_poisoned_channel_ends_a_controller() {
 }
 
 #[test]
+fn a_poisoned_channel_ends_a_controller_whose_frame_waits_for_the_bus() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let (node, other) = (bench.node("node"), bench.node("other"));
+    let control = bench.control.clone();
+    // No other node acknowledges the frame.
+    control.cut("other");
+    let (end, ended) = std::sync::mpsc::channel();
+    bench.main.process("user").spawn_ok(async move {
+        node.send.send(frame(1, &[])).await?;
+        luna::after(Duration::from_millis(1)).await;
+        node.send.poison();
+        let limit = Duration::from_secs(1);
+        end.send(node.received.recv_timeout(limit).await).unwrap();
+        control.connect("other");
+        drop((node, other));
+        Ok(())
+    });
+    let error = bench.run().unwrap_err().to_string();
+    assert!(
+        error.contains("`node`") && error.contains("poison"),
+        "{error}"
+    );
+    assert!(!ended.recv().unwrap().unwrap_err().is_timeout());
+}
+
+#[test]
 fn what_was_sent_last_gets_out_before_a_controller_ends() {
     let _watch = watchdog();
     let mut bench = Bench::new();
