@@ -6,10 +6,11 @@ use embedded_can::{ExtendedId, StandardId};
 use luna::devices::{Device, DeviceError, DeviceManager, Sharing};
 use luna::external::{readable, writable};
 use luna::realtime::off_path;
-use nix::sys::socket::{ControlMessageOwned, MsgFlags, recvmsg};
+use nix::sys::socket::{
+    AddressFamily, ControlMessageOwned, MsgFlags, SockFlag, SockProtocol, SockType, recvmsg, socket,
+};
 use socketcan::SocketOptions;
-use socketcan::errors::{ControllerProblems, ErrorCause};
-use socketcan::{CanAddr, CanErrorFrame, CanFilter, CanFrame, CanSocket, Socket as _};
+use socketcan::{CanAddr, CanFilter, CanFrame, CanSocket, Socket as _};
 use std::io::{self, ErrorKind, IoSliceMut};
 use std::os::fd::{AsFd, AsRawFd};
 use std::sync::{Mutex, PoisonError};
@@ -69,19 +70,20 @@ impl From<OpenError> for luna::Error {
 /// Opens a CAN interface of the kernel, such as `can0`. It has to be up, and has its bit rate from
 /// there: `ip link set can0 up type can bitrate 500000`.
 ///
+/// It receives from [`Port::listen`] on, so from the start of its controller: frames from before
+/// are not received.
+///
 /// # Errors
 ///
 /// An [`OpenError`].
 pub fn open(devices: &DeviceManager, name: &str) -> Result<Device<Socket>, OpenError> {
-    let address = CanAddr::from_iface(name).map_err(|_| OpenError::NoInterface {
-        name: name.to_owned(),
+    let address = CanAddr::from_iface(name).map_err(|error| match error.raw_os_error() {
+        Some(libc::ENODEV) => OpenError::NoInterface {
+            name: name.to_owned(),
+        },
+        _ => failed(name, error),
     })?;
-    let socket = CanSocket::open_addr(&address).map_err(|error| refused(name, error))?;
-    let prepared = socket
-        .set_nonblocking(true)
-        .and_then(|()| socket.set_error_filter_accept_all())
-        .and_then(|()| socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1));
-    prepared.map_err(|error| refused(name, error))?;
+    let socket = bound(address).map_err(|error| refused(name, error))?;
     let device = format!("can:{name}");
     Ok(
         devices.open(&device, "CAN interface", Sharing::Exclusive, || {
@@ -93,16 +95,38 @@ pub fn open(devices: &DeviceManager, name: &str) -> Result<Device<Socket>, OpenE
     )
 }
 
+/// A socket that has no frames yet: those from before its controller runs are not to be taken for
+/// new ones.
+fn bound(address: CanAddr) -> io::Result<CanSocket> {
+    let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
+    let raw = socket(
+        AddressFamily::Can,
+        SockType::Raw,
+        flags,
+        SockProtocol::CanRaw,
+    )?;
+    let socket = CanSocket::from(raw);
+    socket.set_filter_drop_all()?;
+    socket.set_error_filter_drop_all()?;
+    socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
+    socket.as_raw_socket().bind(&address.into())?;
+    Ok(socket)
+}
+
+fn failed(name: &str, error: io::Error) -> OpenError {
+    OpenError::Device(DeviceError::Refused {
+        device: name.to_owned(),
+        error: error.into(),
+    })
+}
+
 fn refused(name: &str, error: io::Error) -> OpenError {
     match error.raw_os_error() {
         Some(libc::EAFNOSUPPORT | libc::EPROTONOSUPPORT) => OpenError::NoCan,
         Some(libc::ENODEV) => OpenError::OtherKind {
             name: name.to_owned(),
         },
-        _ => OpenError::Device(DeviceError::Refused {
-            device: name.to_owned(),
-            error: error.into(),
-        }),
+        _ => failed(name, error),
     }
 }
 
@@ -146,9 +170,7 @@ impl Port for Socket {
                 Ok((count, dropped)) => {
                     let mut kept = self.kept();
                     // Frames of another length are those of CAN FD, which this socket does not get.
-                    kept.next = (count == bytes.len())
-                        .then(|| off_path(|| decode(&bytes)))
-                        .flatten();
+                    kept.next = (count == bytes.len()).then(|| decode(&bytes)).flatten();
                     if let Some(dropped) = dropped {
                         let before = std::mem::replace(&mut kept.dropped, dropped);
                         let lost = dropped.wrapping_sub(before).into();
@@ -167,6 +189,7 @@ impl Port for Socket {
     }
 
     fn listen(&self, filters: &[Filter]) -> Result<(), PortError> {
+        self.socket.set_error_filter_accept_all()?;
         let of_kernel: Option<Vec<CanFilter>> = filters.iter().map(for_kernel).collect();
         let set = match of_kernel {
             Some(filters) => self.socket.set_filters(&filters),
@@ -235,8 +258,8 @@ fn decode(bytes: &[u8; 16]) -> Option<Incoming> {
     let id = u32::from_ne_bytes([a, b, c, d]);
     let len = usize::from(len).min(8);
     if id & libc::CAN_ERR_FLAG != 0 {
-        let frame = CanErrorFrame::new_error(id & libc::CAN_ERR_MASK, &data).ok()?;
-        return Some(Incoming::Report(report(&frame)));
+        let report = report(id & libc::CAN_ERR_MASK, &data);
+        return Some(Incoming::Report(report));
     }
     let is_remote = id & libc::CAN_RTR_FLAG != 0;
     let id: embedded_can::Id = match id & libc::CAN_EFF_FLAG {
@@ -250,40 +273,59 @@ fn decode(bytes: &[u8; 16]) -> Option<Incoming> {
     frame.map(Incoming::Frame)
 }
 
-fn report(frame: &CanErrorFrame) -> BusReport {
+/// What an error frame says, by its classes (`linux/can/error.h`). It is decoded here, since the
+/// list of causes that `socketcan` makes of one is on the heap when they are more than two.
+fn report(classes: u32, data: &[u8; 8]) -> BusReport {
     let mut report = BusReport::default();
-    for cause in socketcan::CanError::from(*frame).causes() {
-        match cause {
-            ErrorCause::Controller(problems) => {
-                let has = |some: ControllerProblems| problems.intersects(some);
-                if has(ControllerProblems::RX_OVERFLOW | ControllerProblems::TX_OVERFLOW) {
-                    report.lost += 1;
-                }
-                let state = if has(ControllerProblems::RX_PASSIVE | ControllerProblems::TX_PASSIVE)
-                {
-                    Some(State::Passive)
-                } else if has(ControllerProblems::RX_WARNING | ControllerProblems::TX_WARNING) {
-                    Some(State::Warning)
-                } else if has(ControllerProblems::ACTIVE) {
-                    Some(State::Active)
-                } else {
-                    None
-                };
-                report.state = report.state.max(state);
-            }
-            ErrorCause::BusOff => report.state = Some(State::BusOff),
-            ErrorCause::Restarted => report.state = Some(State::Active),
-            ErrorCause::NoAck => report.error = Some(BusError::NotAcknowledged),
-            ErrorCause::Protocol { .. } => report.error = Some(BusError::Protocol),
-            ErrorCause::Transceiver { .. } => report.error = Some(BusError::Transceiver),
-            ErrorCause::TransmitTimeout => report.error = Some(BusError::TransmitTimeout),
-            // A frame that has lost arbitration is sent again: no error.
-            ErrorCause::LostArbitration(_) | ErrorCause::Counters { .. } => {}
-            _ => report.error = report.error.or(Some(BusError::Other)),
-        }
+    let has = |class: u32| classes & class != 0;
+    if has(libc::CAN_ERR_CRTL) {
+        let problems = i32::from(data[1]);
+        let has = |some: i32| problems & some != 0;
+        report.lost = has(libc::CAN_ERR_CRTL_RX_OVERFLOW | libc::CAN_ERR_CRTL_TX_OVERFLOW).into();
+        report.state = if has(libc::CAN_ERR_CRTL_RX_PASSIVE | libc::CAN_ERR_CRTL_TX_PASSIVE) {
+            Some(State::Passive)
+        } else if has(libc::CAN_ERR_CRTL_RX_WARNING | libc::CAN_ERR_CRTL_TX_WARNING) {
+            Some(State::Warning)
+        } else if has(libc::CAN_ERR_CRTL_ACTIVE) {
+            Some(State::Active)
+        } else {
+            None
+        };
     }
+    if has(libc::CAN_ERR_BUSOFF) {
+        report.state = Some(State::BusOff);
+    }
+    if has(libc::CAN_ERR_RESTARTED) {
+        report.state = Some(State::Active);
+    }
+    // A frame that has lost arbitration is sent again: no error.
+    report.error = if has(libc::CAN_ERR_ACK) {
+        Some(BusError::NotAcknowledged)
+    } else if has(libc::CAN_ERR_TRX) {
+        Some(BusError::Transceiver)
+    } else if has(libc::CAN_ERR_PROT) {
+        Some(BusError::Protocol)
+    } else if has(libc::CAN_ERR_TX_TIMEOUT) {
+        Some(BusError::TransmitTimeout)
+    } else if has(libc::CAN_ERR_BUSERROR) || classes & !KNOWN != 0 || classes == 0 {
+        Some(BusError::Other)
+    } else {
+        None
+    };
     report
 }
+
+/// The classes of error frames that have a meaning here.
+const KNOWN: u32 = libc::CAN_ERR_TX_TIMEOUT
+    | libc::CAN_ERR_LOSTARB
+    | libc::CAN_ERR_CRTL
+    | libc::CAN_ERR_PROT
+    | libc::CAN_ERR_TRX
+    | libc::CAN_ERR_ACK
+    | libc::CAN_ERR_BUSOFF
+    | libc::CAN_ERR_BUSERROR
+    | libc::CAN_ERR_RESTARTED
+    | libc::CAN_ERR_CNT;
 
 #[cfg(test)]
 mod tests {
@@ -332,7 +374,25 @@ mod tests {
         let overrun = decoded(libc::CAN_ERR_CRTL, [0, 1, 0, 0, 0, 0, 0, 0]);
         assert_eq!(overrun, BusReport::new(None, 1, None));
         let back = decoded(libc::CAN_ERR_RESTARTED, [0; 8]);
-        assert_eq!(back.state, Some(State::Active));
+        assert_eq!(back, BusReport::new(Some(State::Active), 0, None));
+        // Many causes at once: a wrong bit, no acknowledgement, counters, and a state.
+        let classes = libc::CAN_ERR_PROT | libc::CAN_ERR_ACK | libc::CAN_ERR_BUSERROR;
+        let classes = classes | libc::CAN_ERR_CRTL | libc::CAN_ERR_CNT;
+        let many = decoded(classes, [0, 0x04, 1, 0, 0, 0, 97, 0]);
+        assert_eq!(many, BusReport::new(Some(State::Warning), 0, error));
+        for (class, error) in [
+            (libc::CAN_ERR_LOSTARB, None),
+            (libc::CAN_ERR_CNT, None),
+            (libc::CAN_ERR_PROT, Some(BusError::Protocol)),
+            (libc::CAN_ERR_TRX, Some(BusError::Transceiver)),
+            (libc::CAN_ERR_TX_TIMEOUT, Some(BusError::TransmitTimeout)),
+            (libc::CAN_ERR_BUSERROR, Some(BusError::Other)),
+            (1 << 20, Some(BusError::Other)),
+            (0, Some(BusError::Other)),
+        ] {
+            let report = BusReport::new(None, 0, error);
+            assert_eq!(decoded(class, [0; 8]), report, "{class:X}");
+        }
     }
 
     #[test]
@@ -348,6 +408,14 @@ mod tests {
             (0x100 | extended, 0xF00 | extended)
         );
         assert!(for_kernel(&Filter::ANY).is_none());
+        // What is no part of an identifier is a flag in the kernel's filters.
+        let all = for_kernel(&Filter::extended(u32::MAX, u32::MAX)).unwrap();
+        let raw: &libc::can_filter = all.as_ref();
+        let expected = libc::CAN_EFF_MASK | extended;
+        assert_eq!((raw.can_id, raw.can_mask), (expected, expected));
+        let all = for_kernel(&Filter::standard(u16::MAX, u16::MAX)).unwrap();
+        let raw: &libc::can_filter = all.as_ref();
+        assert_eq!((raw.can_id, raw.can_mask), (0x7FF, 0x7FF | extended));
     }
 
     /// The kernel counts for all kinds of packets: a UDP socket with a small queue has them too.
