@@ -1,7 +1,7 @@
 //! The client of a node's SDO server.
 
 use super::nmt::frame;
-use super::sdo::{Chunk, Object, Request, Response};
+use super::sdo::{Chunk, Object, Request, Response, Short};
 use super::{AbortCode, NodeId, Value};
 use crate::Frame;
 use luna::{Error, Receiver, Sender};
@@ -122,13 +122,14 @@ impl SdoClient {
         self
     }
 
-    /// Reads a value.
+    /// Reads a value. If the node does not state how many bytes it has, as many are taken as its
+    /// type has.
     ///
     /// # Errors
     ///
     /// An [`SdoError`].
     pub async fn read<T: Value>(&mut self, object: Object) -> Result<T, SdoError> {
-        let bytes = self.upload(object).await?;
+        let bytes = self.upload_of_len(object, T::LEN).await?;
         T::decode(&bytes).ok_or(SdoError::Length {
             node: self.node,
             object,
@@ -148,15 +149,21 @@ impl SdoClient {
         self.download(object, &bytes).await
     }
 
-    /// Reads the bytes of an object: by one frame, or in segments, as the node likes.
+    /// Reads the bytes of an object: by one frame, or in segments, as the node likes. If the node
+    /// answers by one frame and does not state how many of its 4 bytes count, it gives all 4.
     ///
     /// # Errors
     ///
     /// An [`SdoError`].
     pub async fn upload(&mut self, object: Object) -> Result<Vec<u8>, SdoError> {
+        self.upload_of_len(object, 4).await
+    }
+
+    /// `len` counts where the node does not state it.
+    async fn upload_of_len(&mut self, object: Object, len: usize) -> Result<Vec<u8>, SdoError> {
         let size = match self.begin(object, Request::Upload { object }).await? {
             Response::Expedited { object: of, data } if of == object => {
-                return Ok(data.bytes().to_vec());
+                return Ok(data.of_len(len).to_vec());
             }
             Response::Upload { object: of, size } if of == object => size,
             _ => return Err(self.abort(object, AbortCode::UNKNOWN_COMMAND).await),
@@ -212,7 +219,7 @@ impl SdoClient {
         let begin = match is_expedited {
             true => Request::Expedited {
                 object,
-                data: Chunk::new(bytes),
+                data: Short::new(bytes),
             },
             false => Request::Download {
                 object,

@@ -126,6 +126,12 @@ impl Dictionary {
         Err(AbortCode::WRONG_LENGTH)
     }
 
+    /// How many bytes an object has, if it has the same number always.
+    pub(super) fn fixed_len(&self, object: Object) -> Option<usize> {
+        let entry = self.0.get(&object)?;
+        (!entry.is_variable).then_some(entry.bytes.len())
+    }
+
     /// The bytes of an object, whatever its access.
     pub(super) fn get(&self, object: Object) -> Option<&[u8]> {
         self.0.get(&object).map(|entry| &*entry.bytes)

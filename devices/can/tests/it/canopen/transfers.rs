@@ -261,6 +261,55 @@ fn a_bus_that_takes_no_frames_holds_up_no_transfer() {
 }
 
 #[test]
+fn a_size_that_is_not_stated_is_that_of_the_type() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let server = bench.node("server");
+    let mut network = master(&mut bench);
+    let mut sdo = network.sdo(id());
+    bench.main.process("master").spawn_ok(network.controller());
+    let [low, high] = SPEED.index.to_le_bytes();
+    bench.main.process("answers").spawn_ok(async move {
+        for _ in 0..3 {
+            server.received.recv().await?;
+            let answer = [0x42, low, high, SPEED.sub, 0xFD, 0xFF, 1, 0];
+            let answer = frame(id().sdo_response(), &answer);
+            server.send.send(answer).await?;
+        }
+        drop(server);
+        Ok(())
+    });
+    bench.main.process("user").spawn_ok(async move {
+        assert_eq!(sdo.read::<i16>(SPEED).await?, -3);
+        assert_eq!(sdo.read::<u32>(SPEED).await?, 0x1_FFFD);
+        assert_eq!(sdo.upload(SPEED).await?, [0xFD, 0xFF, 1, 0]);
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
+fn a_simulated_node_takes_a_value_whose_size_is_not_stated() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let control = node(&mut bench, |node| {
+        node.object(SPEED, 0_i16, Access::ReadWrite)
+    });
+    let client = bench.node("client");
+    bench.main.process("user").spawn_ok(async move {
+        let [low, high] = SPEED.index.to_le_bytes();
+        let request = [0x22, low, high, SPEED.sub, 0xFD, 0xFF, 9, 9];
+        let request = frame(id().sdo_request(), &request);
+        client.send.send(request).await?;
+        while client.received.recv().await?.data()[0] != 0x60 {}
+        assert_eq!(control.get::<i16>(SPEED), Some(-3));
+        drop(client);
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
 fn a_late_answer_is_for_no_other_request() {
     let _watch = watchdog();
     let mut bench = Bench::new();
