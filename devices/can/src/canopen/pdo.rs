@@ -20,10 +20,11 @@ pub enum Transmission {
 }
 
 impl Transmission {
-    fn code(self) -> u8 {
+    fn code(self) -> Result<u8, PdoError> {
         match self {
-            Transmission::Synchronous(every) => every.clamp(1, 240),
-            Transmission::OnEvent => 255,
+            Transmission::Synchronous(every @ 1..=240) => Ok(every),
+            Transmission::Synchronous(every) => Err(PdoError::Transmission(every)),
+            Transmission::OnEvent => Ok(255),
         }
     }
 }
@@ -44,7 +45,8 @@ pub struct PdoSetting {
     direction: Direction,
     number: u16,
     id: u16,
-    transmission: Transmission,
+    /// Its transmission type.
+    transmission: u8,
     /// Objects with their length in bytes.
     objects: Vec<(Object, u8)>,
 }
@@ -60,6 +62,9 @@ pub enum PdoError {
     /// has more than 11 bits.
     #[error("{0:03X}h is no identifier of a PDO: those are 181h to 57Fh and 680h to 6DFh")]
     Identifier(u16),
+    /// A PDO is sent with every 1 to 240 SYNC messages.
+    #[error("a PDO cannot be sent with every {0} SYNC messages, but with every 1 to 240")]
+    Transmission(u8),
     /// The objects have more than 8 bytes.
     #[error("the objects in a PDO have {0} bytes, but there is room for 8")]
     TooLong(usize),
@@ -85,7 +90,7 @@ impl PdoSetting {
     ///
     /// # Errors
     ///
-    /// [`PdoError::Number`], [`PdoError::Identifier`].
+    /// [`PdoError::Number`], [`PdoError::Identifier`], [`PdoError::Transmission`].
     pub fn new(
         direction: Direction,
         number: u16,
@@ -99,7 +104,7 @@ impl PdoSetting {
             direction,
             number,
             id: checked(id)?,
-            transmission,
+            transmission: transmission.code()?,
             objects: Vec::new(),
         })
     }
@@ -124,11 +129,14 @@ impl PdoSetting {
     }
 
     /// Sets it up in a node, which is to be pre-operational: switches the PDO off, writes
-    /// transmission and mapping, and switches it on.
+    /// transmission and mapping, and switches it on. A PDO that the node transmits is not to be
+    /// asked for by remote frames.
     ///
     /// # Errors
     ///
-    /// The first that the node refuses, or does not answer. The PDO is off then.
+    /// The first that the node refuses, or does not answer. The PDO is as it was if that is the
+    /// first write, and off after the second to the last but one. If an answer is missing, the node
+    /// may have taken that write: after the first or the last the PDO is on or off.
     pub async fn write(&self, sdo: &mut SdoClient) -> Result<(), SdoError> {
         let (communication, mapping) = match self.direction {
             Direction::Tpdo => (0x1800, 0x1A00),
@@ -136,10 +144,16 @@ impl PdoSetting {
         };
         let communication = communication + self.number - 1;
         let mapping = mapping + self.number - 1;
-        let off = 1 << 31 | u32::from(self.id);
+        // Bit 31 switches it off. Bit 30 of a TPDO forbids remote frames, which many devices do
+        // not support; of an RPDO it is reserved.
+        let on = match self.direction {
+            Direction::Tpdo => 1 << 30 | u32::from(self.id),
+            Direction::Rpdo => self.id.into(),
+        };
+        let off = 1 << 31 | on;
         sdo.write(Object::new(communication, 1), off).await?;
-        let code = self.transmission.code();
-        sdo.write(Object::new(communication, 2), code).await?;
+        sdo.write(Object::new(communication, 2), self.transmission)
+            .await?;
         sdo.write(Object::new(mapping, 0), 0_u8).await?;
         for (number, (object, len)) in (1..).zip(&self.objects) {
             let bits = u32::from(*len) * 8;
@@ -148,7 +162,6 @@ impl PdoSetting {
         }
         let count = self.objects.len() as u8;
         sdo.write(Object::new(mapping, 0), count).await?;
-        let on = u32::from(self.id);
         sdo.write(Object::new(communication, 1), on).await
     }
 }

@@ -98,6 +98,10 @@ fn a_mapping_that_cannot_be_is_refused_here_or_there() {
     let (tpdo, event) = (Direction::Tpdo, Transmission::OnEvent);
     let new = move |number, id| PdoSetting::new(tpdo, number, id, event);
     assert_eq!(new(0, 0x185).unwrap_err(), PdoError::Number);
+    for every in [0, 241, 255] {
+        let setting = PdoSetting::new(tpdo, 1, 0x185, Transmission::Synchronous(every));
+        assert_eq!(setting.unwrap_err(), PdoError::Transmission(every));
+    }
     let full = new(1, 0x185)
         .and_then(|setting| setting.map::<u64>(POSITION))
         .unwrap();
@@ -119,6 +123,20 @@ fn a_mapping_that_cannot_be_is_refused_here_or_there() {
             assert_eq!(code, AbortCode::NOT_MAPPABLE);
             assert_eq!(object, Object::new(0x1A00, 0));
         }
+        // A TPDO that allows remote frames, and a mapping of one that is on.
+        let code = |refused: Result<(), SdoError>| match refused {
+            Err(SdoError::Aborted { code, .. }) => code,
+            other => panic!("{other:?}"),
+        };
+        let remote = sdo.write(Object::new(0x1800, 1), 0x185_u32).await;
+        assert_eq!(code(remote), AbortCode::INVALID_VALUE);
+        new(1, 0x185)?.map::<u16>(STATUS)?.write(&mut sdo).await?;
+        assert_eq!(control.get(Object::new(0x1800, 1)), Some(0x4000_0185_u32));
+        let refused = sdo.write(Object::new(0x1A00, 0), 0_u8).await;
+        assert_eq!(code(refused), AbortCode::UNSUPPORTED_ACCESS);
+        let setting = PdoSetting::new(Direction::Rpdo, 2, 0x205, event)?;
+        setting.write(&mut sdo).await?;
+        assert_eq!(control.get(Object::new(0x1401, 1)), Some(0x205_u32));
         drop(control);
         Ok(())
     });
