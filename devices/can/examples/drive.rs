@@ -47,7 +47,7 @@ fn main() -> luna::Result<()> {
     main.process("motor").spawn(move_motor(motor))?;
 
     let mut network = Network::new(&master);
-    let (nmt, mut sdo) = (network.nmt(), network.sdo(id));
+    let (nmt, mut sdo) = (network.nmt(), network.sdo(id)?);
     let (event, events) = luna::buffered::<NodeEvent>(Buffer::fifo(16));
     let heartbeats = network.heartbeats(event);
     let limit = Duration::from_millis(200);

@@ -13,7 +13,7 @@ const LONGEST: usize = 64 * 1024;
 /// What an abort is for that is for no object.
 const NO_OBJECT: Object = Object::new(0, 0);
 
-/// Why an object was not read or written.
+/// Why an object was not read or written, or a node has no client.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SdoError {
@@ -59,6 +59,12 @@ pub enum SdoError {
         len: usize,
         /// How many the type has.
         expected: usize,
+    },
+    /// The network has an SDO client for this node already.
+    #[error("the network has an SDO client for {node} already: use that one")]
+    HasClient {
+        /// Which node.
+        node: NodeId,
     },
     /// The controller has ended.
     #[error("the CAN controller has ended")]

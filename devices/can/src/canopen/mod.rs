@@ -35,7 +35,7 @@
 //! main.process("drive").spawn(node)?;
 //!
 //! let mut network = Network::new(&master);
-//! let (nmt, mut sdo) = (network.nmt(), network.sdo(drive));
+//! let (nmt, mut sdo) = (network.nmt(), network.sdo(drive)?);
 //! main.process("can").spawn(network.controller())?;
 //! # drop((master, simulated));
 //! main.process("user").spawn(async move {

@@ -2,7 +2,7 @@
 
 use super::heartbeat::{HeartbeatConsumer, HeartbeatProducer};
 use super::pdo::{self, PdoProducer, SyncProducer};
-use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoError, PdoValue, SdoClient};
+use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoError, PdoValue, SdoClient, SdoError};
 use crate::{Controller, Counts, Event, Filter, Frame, OnBusOff, Port, controller};
 use luna::devices::Device;
 use luna::{Buffer, Receiver, Sender};
@@ -17,6 +17,8 @@ const QUEUE: usize = 64;
 pub struct Network<P: Port> {
     controller: Controller<P>,
     outgoing: Sender<Frame>,
+    /// Nodes with an SDO client.
+    clients: Vec<NodeId>,
 }
 
 impl<P: Port> Network<P> {
@@ -26,6 +28,7 @@ impl<P: Port> Network<P> {
         Self {
             controller: controller(device).send(frames),
             outgoing,
+            clients: Vec::new(),
         }
     }
 
@@ -58,10 +61,21 @@ impl<P: Port> Network<P> {
         Nmt(self.outgoing.clone())
     }
 
-    /// Reads and writes the objects of a node.
-    pub fn sdo(&mut self, node: NodeId) -> SdoClient {
-        let frames = self.frames(Filter::standard(node.sdo_response(), 0x7FF));
-        SdoClient::new(node, self.outgoing.clone(), frames)
+    /// Reads and writes the objects of a node. There is one client for a node, since a server has
+    /// one transfer at a time and its answers do not say which client they are for.
+    ///
+    /// # Errors
+    ///
+    /// [`SdoError::HasClient`].
+    pub fn sdo(&mut self, node: NodeId) -> Result<SdoClient, SdoError> {
+        if self.clients.contains(&node) {
+            return Err(SdoError::HasClient { node });
+        }
+        self.clients.push(node);
+        let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        let filters = [Filter::standard(node.sdo_response(), 0x7FF)];
+        self.receive_as(&filters, |frame| Some(*frame), sender);
+        Ok(SdoClient::new(node, self.outgoing.clone(), frames))
     }
 
     /// A process that watches heartbeats, and reports to a channel. The controller does not end
@@ -142,12 +156,6 @@ impl<P: Port> Network<P> {
     /// gone.
     pub fn controller(self) -> Controller<P> {
         self.controller
-    }
-
-    fn frames(&mut self, filter: Filter) -> Receiver<Frame> {
-        let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
-        self.receive_as(&[filter], |frame| Some(*frame), sender);
-        frames
     }
 
     fn receive_as<T: Send + 'static>(

@@ -39,7 +39,7 @@ fn process_data_goes_both_ways_by_event_and_by_sync() {
     let producer = network.rpdo(received, targets).unwrap();
     let (switch, switches) = luna::channel::<bool>();
     let sync = network.sync(Duration::from_millis(10), switches);
-    let (mut sdo, nmt) = (network.sdo(id()), network.nmt());
+    let (mut sdo, nmt) = (network.sdo(id()).unwrap(), network.nmt());
     bench.main.process("target").spawn_ok(producer);
     bench.main.process("sync").spawn_ok(sync);
     bench.main.process("master").spawn_ok(network.controller());
@@ -109,7 +109,7 @@ fn a_mapping_that_cannot_be_is_refused_here_or_there() {
     let mut bench = Bench::new();
     let control = drive(&mut bench);
     let mut network = master(&mut bench);
-    let mut sdo = network.sdo(id());
+    let mut sdo = network.sdo(id()).unwrap();
     bench.main.process("master").spawn_ok(network.controller());
     bench.main.process("user").spawn_ok(async move {
         let none = Object::new(0x7000, 0);

@@ -3,7 +3,7 @@
 use super::{id, master, node};
 use crate::common::{Bench, Node, SpawnOk, frame, watchdog};
 use luna_can::canopen::sim::Access;
-use luna_can::canopen::{AbortCode, Object, SdoClient, SdoError};
+use luna_can::canopen::{AbortCode, NodeId, Object, SdoClient, SdoError};
 use proptest::prelude::*;
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ fn with_node() -> (Bench, luna_can::canopen::sim::NodeControl, SdoClient) {
             .bytes(PROGRAM, &[], Access::ReadWrite)
     });
     let mut network = master(&mut bench);
-    let sdo = network.sdo(id()).timeout(TIMEOUT);
+    let sdo = network.sdo(id()).unwrap().timeout(TIMEOUT);
     bench.main.process("master").spawn_ok(network.controller());
     (bench, control, sdo)
 }
@@ -160,7 +160,7 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
     let mut bench = Bench::new();
     let server = bench.node("server");
     let mut network = master(&mut bench);
-    let mut sdo = network.sdo(id()).timeout(TIMEOUT).longest(100);
+    let mut sdo = network.sdo(id()).unwrap().timeout(TIMEOUT).longest(100);
     bench.main.process("master").spawn_ok(network.controller());
     let begin = |size: u8| [0x41, 0x08, 0x10, 0, size, 0, 0, 0];
     let cases: Vec<(Vec<[u8; 8]>, AbortCode)> = vec![
@@ -231,7 +231,7 @@ fn a_bus_that_takes_no_frames_holds_up_no_transfer() {
     let _watch = watchdog();
     let mut bench = Bench::new();
     let mut network = master(&mut bench);
-    let mut sdo = network.sdo(id()).timeout(TIMEOUT);
+    let mut sdo = network.sdo(id()).unwrap().timeout(TIMEOUT);
     let sender = network.sender();
     bench.main.process("master").spawn_ok(network.controller());
     let other = bench.node("other");
@@ -261,12 +261,23 @@ fn a_bus_that_takes_no_frames_holds_up_no_transfer() {
 }
 
 #[test]
+fn a_node_has_one_client() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let mut network = master(&mut bench);
+    let other = NodeId::new(6).unwrap();
+    assert!(network.sdo(id()).is_ok() && network.sdo(other).is_ok());
+    let error = network.sdo(id()).unwrap_err();
+    assert_eq!(error, SdoError::HasClient { node: id() });
+}
+
+#[test]
 fn a_size_that_is_not_stated_is_that_of_the_type() {
     let _watch = watchdog();
     let mut bench = Bench::new();
     let server = bench.node("server");
     let mut network = master(&mut bench);
-    let mut sdo = network.sdo(id());
+    let mut sdo = network.sdo(id()).unwrap();
     bench.main.process("master").spawn_ok(network.controller());
     let [low, high] = SPEED.index.to_le_bytes();
     bench.main.process("answers").spawn_ok(async move {
@@ -315,7 +326,7 @@ fn a_late_answer_is_for_no_other_request() {
     let mut bench = Bench::new();
     let server = bench.node("server");
     let mut network = master(&mut bench);
-    let mut sdo = network.sdo(id()).timeout(TIMEOUT);
+    let mut sdo = network.sdo(id()).unwrap().timeout(TIMEOUT);
     bench.main.process("master").spawn_ok(network.controller());
     let [low, high] = SPEED.index.to_le_bytes();
     let written = [0x60, low, high, SPEED.sub, 0, 0, 0, 0];
@@ -370,7 +381,7 @@ proptest! {
         let mut bench = Bench::new();
         let server = bench.node("server");
         let mut network = master(&mut bench);
-        let mut sdo = network.sdo(id()).timeout(TIMEOUT).longest(100);
+        let mut sdo = network.sdo(id()).unwrap().timeout(TIMEOUT).longest(100);
         bench.main.process("master").spawn_ok(network.controller());
         bench.main.process("answers").spawn_ok(async move {
             for answer in answers {
