@@ -7,7 +7,8 @@ use luna::devices::Device;
 use luna::external::LinkError;
 use luna::realtime::off_path;
 use luna::{Error, Process, Receiver, Sender};
-use routing::{Ends, PassedOn, Route, Routing, Stop, Take, Typed, give_way};
+use luna_platform::clock::Clock;
+use routing::{Ends, PassedOn, Reported, Route, Routing, Stop, Take, Typed, give_way};
 use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
@@ -20,7 +21,7 @@ pub fn controller<P: Port>(device: &Device<P>) -> Controller<P> {
         device: Some(device.clone()),
         outgoing: None,
         receivers: Vec::new(),
-        is_full: Vec::new(),
+        reported: Vec::new(),
         events: None,
         on_bus_off: OnBusOff::default(),
         counts: Counts::default(),
@@ -41,7 +42,8 @@ pub enum Event {
         /// Which: they are numbered from 0 in the order in which they were added.
         receiver: usize,
     },
-    /// A frame for a receiver is none of its values: it has another length, say. It is dropped.
+    /// A frame for a receiver is none of its values: it has another length, say. It and those that
+    /// follow are dropped: once, until one is.
     Malformed {
         /// Which, as for [`Event::Overrun`].
         receiver: usize,
@@ -69,7 +71,7 @@ pub enum OnBusOff {
 pub enum CanError {
     /// The node is bus-off.
     #[error(
-        "the node is bus-off after 256 errors: check the wires, the termination and the bit rates"
+        "the node is bus-off (its error counter is above 255): check the wires, the termination and the bit rates"
     )]
     BusOff,
     /// The port fails.
@@ -81,7 +83,8 @@ pub enum CanError {
 ///
 /// It ends without an error when all senders of what it sends are gone, and all receivers of what
 /// it receives. A poisoned channel ends it with that error. The device is lost if the node is
-/// bus-off, unless [`on_bus_off`](Self::on_bus_off) says otherwise, or when its port fails.
+/// bus-off, unless [`on_bus_off`](Self::on_bus_off) says otherwise, or when its port fails. With a
+/// port to [outside](Port::IS_OUTSIDE) its `pre_run` fails on a virtual clock.
 ///
 /// Real-time path: from its `run` on. No allocation; O(receivers and their filters) a frame. With
 /// SocketCAN a system call a frame, and those of [`readable`](luna::external::readable) to wait.
@@ -93,8 +96,8 @@ pub struct Controller<P: Port> {
     device: Option<Device<P>>,
     outgoing: Option<Receiver<Frame>>,
     receivers: Vec<Route>,
-    /// Of each receiver: whether its channel had no room for the last frame.
-    is_full: Vec<bool>,
+    /// Of each receiver: what was reported of it.
+    reported: Vec<Reported>,
     events: Option<Sender<Event>>,
     on_bus_off: OnBusOff,
     counts: Counts,
@@ -162,7 +165,7 @@ impl<P: Port> Controller<P> {
             filters: filters.to_vec(),
             to,
         });
-        self.is_full.push(false);
+        self.reported.push(Reported::default());
     }
 
     /// Reports events to this channel. It does not wait for it either: an event without room is
@@ -193,6 +196,18 @@ fn outside<P: Port, T: Send>(sender: Sender<T>) -> Sender<T> {
 }
 
 impl<P: Port> Process for Controller<P> {
+    /// # Errors
+    ///
+    /// The system runs on a virtual clock, which a bus outside of the system does not follow.
+    fn pre_run(&mut self) -> luna::Result<()> {
+        if P::IS_OUTSIDE && Clock::is_virtual_here() {
+            return Err(Error::other(
+                "a CAN bus takes real time, which a virtual clock does not wait for: use a simulated bus (`luna_can::sim`)",
+            ));
+        }
+        Ok(())
+    }
+
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
         // A failure here occurs again at the first wait, which reports it. A simulated bus has no
         // files.
@@ -236,13 +251,13 @@ impl<P: Port> Controller<P> {
         let counts = self.counts.clone();
         let Self {
             receivers,
-            is_full,
+            reported,
             events,
             on_bus_off,
             ..
         } = self;
         let mut routing = Routing {
-            is_full,
+            reported,
             receivers,
             events: events.as_ref(),
             on_bus_off: *on_bus_off,

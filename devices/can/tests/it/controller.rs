@@ -1,8 +1,9 @@
 //! What a controller does between a port and channels.
 
 use crate::common::{Bench, SpawnOk, frame, watchdog};
+use luna::devices::Sharing;
 use luna::prelude::*;
-use luna_can::{Event, ExtendedId, Filter, Frame, StandardId};
+use luna_can::{Event, ExtendedId, Filter, Frame, Incoming, Port, PortError, StandardId};
 use std::time::Duration;
 
 #[test]
@@ -149,6 +150,48 @@ fn a_poisoned_channel_ends_a_controller_whose_frame_waits_for_the_bus() {
         "{error}"
     );
     assert!(!ended.recv().unwrap().unwrap_err().is_timeout());
+}
+
+/// An interface to outside, on which nothing comes.
+struct Outside;
+
+impl Port for Outside {
+    const IS_OUTSIDE: bool = true;
+
+    async fn transmit(&self, _: Frame) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    async fn receive(&self) -> Result<Incoming, PortError> {
+        std::future::pending().await
+    }
+
+    fn listen(&self, _: &[Filter]) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    fn transmit_at_once(&self, _: Frame) -> Result<(), PortError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_bus_outside_of_the_system_does_not_run_on_a_virtual_clock() {
+    let _watch = watchdog();
+    for is_virtual in [false, true] {
+        let mut system = System::new("outside");
+        if is_virtual {
+            system.virtual_clock();
+        }
+        let devices = system.devices();
+        let device = devices.open("port", "port", Sharing::Exclusive, || Ok(Outside));
+        let controller = luna_can::controller(&device.unwrap());
+        let main = system.executor("main").build().unwrap();
+        main.process("can").spawn_ok(controller);
+        let error = system.run().err().map(|error| error.to_string());
+        let is_refused = error.is_some_and(|error| error.contains("virtual clock"));
+        assert_eq!(is_refused, is_virtual);
+    }
 }
 
 #[test]

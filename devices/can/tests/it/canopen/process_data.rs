@@ -186,16 +186,18 @@ fn process_data_of_another_length_is_counted_and_reported() {
     bench.main.process("listener").spawn_ok(listening);
     drop(listener);
     bench.main.process("user").spawn_ok(async move {
-        for len in [0, 5, 7, 8, 6] {
-            stranger.send.send(frame(0x185, &[1; 8][..len])).await?;
-        }
-        assert_eq!(values.recv().await?, (0x101, 0x101_0101));
-        for _ in 0..4 {
-            assert_eq!(events.recv().await?, Event::Malformed { receiver: 0 });
+        // Once until a good one comes.
+        for _ in 0..2 {
+            for len in [0, 5, 7, 8, 6] {
+                stranger.send.send(frame(0x185, &[1; 8][..len])).await?;
+            }
+            assert_eq!(values.recv().await?, (0x101, 0x101_0101));
+            assert_eq!(events.try_recv(), Ok(Event::Malformed { receiver: 0 }));
+            assert!(events.try_recv().is_err());
         }
         drop((received, stranger));
         Ok(())
     });
     bench.run().unwrap();
-    assert_eq!((counts.malformed(), counts.received()), (4, 1));
+    assert_eq!((counts.malformed(), counts.received()), (8, 2));
 }
