@@ -9,11 +9,17 @@ use luna::{Buffer, Receiver, Sender};
 use std::fmt;
 use std::time::Duration;
 
-/// Frames that wait to be sent, and of each kind to be handled.
+/// Frames of each kind that wait to be handled.
 const QUEUE: usize = 64;
 
 /// What this program has to do with the nodes of a bus. Each part is asked for while the system is
 /// set up; then the [controller](Self::controller) is spawned, and each part that is a process.
+///
+/// While the bus takes no frames, each part waits with its frame. When it takes frames again, these
+/// go out though they are old: at most one of each part, and those that the controller, the port
+/// and the kernel (`txqueuelen`) have taken. So give [`rpdo`](Self::rpdo) a channel that overwrites
+/// its oldest value: then the newest set-point follows. If the node was bus-off, see
+/// [`OnBusOff`].
 pub struct Network<P: Port> {
     controller: Controller<P>,
     outgoing: Sender<Frame>,
@@ -24,7 +30,8 @@ pub struct Network<P: Port> {
 impl<P: Port> Network<P> {
     /// Nothing is received or sent yet.
     pub fn new(device: &Device<P>) -> Self {
-        let (outgoing, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        // Without a buffer: what waited there would be old when the bus takes frames again.
+        let (outgoing, frames) = luna::channel();
         Self {
             controller: controller(device).send(frames),
             outgoing,

@@ -61,7 +61,9 @@ pub enum OnBusOff {
     #[default]
     Lose,
     /// It reports that, and waits until the node is restarted: by the kernel (`restart-ms`), or by
-    /// hand.
+    /// hand. Until the port reports another state, frames to send are dropped, and
+    /// [counted](Counts::dropped): they would be old when the node is back. What the port and the
+    /// kernel have taken before is theirs: a kernel may send it then.
     Wait,
 }
 
@@ -277,14 +279,15 @@ impl<P: Port> Controller<P> {
             if ends.poll(cx) {
                 return Poll::Ready(Stop::Poisoned);
             }
+            if let Poll::Ready(stop) = coming.as_mut().poll(cx) {
+                return Poll::Ready(stop);
+            }
+            // After what comes: a frame that waits is dropped when its node is bus-off.
             if !is_sent && let Poll::Ready(stop) = going.as_mut().poll(cx) {
                 is_sent = true;
                 if !matches!(stop, Stop::Closed) {
                     return Poll::Ready(stop);
                 }
-            }
-            if let Poll::Ready(stop) = coming.as_mut().poll(cx) {
-                return Poll::Ready(stop);
             }
             match is_sent && ends.are_all() {
                 true => Poll::Ready(Stop::Closed),
@@ -302,19 +305,24 @@ async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts
             Err(error) if error.is_closed() => return Stop::Closed,
             Err(_) => return Stop::Poisoned,
         };
+        let is_off = || counts.state() == Some(State::BusOff);
         let mut sending = pin!(port.transmit(frame));
         let mut poisoned = pin!(outgoing.poisoned());
         let sent = poll_fn(|cx| {
+            if is_off() {
+                return Poll::Ready(Ok(false));
+            }
             if let Poll::Ready(sent) = sending.as_mut().poll(cx) {
-                return Poll::Ready(sent.map_err(Stop::from));
+                return Poll::Ready(sent.map(|()| true).map_err(Stop::from));
             }
             // A bus that takes no frames holds up no end.
             poisoned.as_mut().poll(cx).map(|_| Err(Stop::Poisoned))
         });
-        if let Err(stop) = sent.await {
-            return stop;
+        match sent.await {
+            Ok(true) => counts.add_sent(),
+            Ok(false) => counts.add_dropped(),
+            Err(stop) => return stop,
         }
-        counts.add_sent();
         give_way(number).await;
     }
     Stop::Closed

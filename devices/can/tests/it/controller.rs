@@ -3,7 +3,10 @@
 use crate::common::{Bench, SpawnOk, frame, watchdog};
 use luna::devices::Sharing;
 use luna::prelude::*;
-use luna_can::{Event, ExtendedId, Filter, Frame, Incoming, Port, PortError, StandardId};
+use luna_can::{
+    BusReport, Event, ExtendedId, Filter, Frame, Incoming, OnBusOff, Port, PortError, StandardId,
+    State,
+};
 use std::time::Duration;
 
 #[test]
@@ -192,6 +195,79 @@ fn a_bus_outside_of_the_system_does_not_run_on_a_virtual_clock() {
         let is_refused = error.is_some_and(|error| error.contains("virtual clock"));
         assert_eq!(is_refused, is_virtual);
     }
+}
+
+/// A bus that reports states, and takes frames when they are asked for.
+struct Slow {
+    states: Receiver<State>,
+    taken: Sender<Frame>,
+}
+
+impl Port for Slow {
+    const IS_OUTSIDE: bool = false;
+
+    async fn transmit(&self, frame: Frame) -> Result<(), PortError> {
+        self.taken.send(frame).await.map_err(|_| PortError::Gone)
+    }
+
+    async fn receive(&self) -> Result<Incoming, PortError> {
+        let state = self.states.recv().await.map_err(|_| PortError::Gone)?;
+        Ok(Incoming::Report(BusReport::new(Some(state), 0, None)))
+    }
+
+    fn listen(&self, _: &[Filter]) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    fn transmit_at_once(&self, _: Frame) -> Result<(), PortError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn what_waits_at_bus_off_is_not_sent_after_it() {
+    let _watch = watchdog();
+    let mut system = System::new("bus-off");
+    system.virtual_clock();
+    let (state, states) = luna::channel();
+    let (taken, sent) = luna::channel();
+    let open = || Ok(Slow { states, taken });
+    let device = system
+        .devices()
+        .open("slow", "port", Sharing::Exclusive, open)
+        .unwrap();
+    let (send, outgoing) = luna::buffered(Buffer::fifo(8));
+    let controller = luna_can::controller(&device)
+        .send(outgoing)
+        .on_bus_off(OnBusOff::Wait);
+    let counts = controller.counts();
+    drop(device);
+    let main = system.executor("main").build().unwrap();
+    main.process("can").spawn_ok(controller);
+    let own = counts.clone();
+    main.process("user").spawn_ok(async move {
+        // One waits in the port, others in the channel, and one comes later.
+        for number in 0..3 {
+            send.send(frame(1, &[number])).await?;
+        }
+        luna::after(Duration::from_millis(1)).await;
+        state.send(State::BusOff).await?;
+        luna::after(Duration::from_millis(1)).await;
+        send.send(frame(1, &[3])).await?;
+        luna::after(Duration::from_millis(1)).await;
+        assert_eq!(own.dropped(), 4);
+        state.send(State::Active).await?;
+        luna::after(Duration::from_millis(1)).await;
+        send.send(frame(1, &[4])).await?;
+        assert_eq!(sent.recv().await?, frame(1, &[4]));
+        // The port lives as long as this.
+        drop(send);
+        luna::after(Duration::from_millis(1)).await;
+        drop((state, sent));
+        Ok(())
+    });
+    system.run().unwrap();
+    assert_eq!((counts.sent(), counts.dropped()), (1, 4));
 }
 
 #[test]

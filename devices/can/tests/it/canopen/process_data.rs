@@ -170,6 +170,36 @@ fn identifiers_of_other_services_are_for_no_pdo() {
 }
 
 #[test]
+fn a_bus_that_is_back_gets_the_newest_set_point_soon() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let other = bench.node("other");
+    let network = master(&mut bench);
+    let (target, targets) = luna::buffered::<u8>(Buffer::overwrite_oldest(1));
+    let producer = network.rpdo(0x205, targets).unwrap();
+    bench.main.process("targets").spawn_ok(producer);
+    bench.main.process("master").spawn_ok(network.controller());
+    let control = bench.control.clone();
+    bench.main.process("user").spawn_ok(async move {
+        // No other node acknowledges what the master sends.
+        control.cut("other");
+        for number in 0..20 {
+            target.send(number).await?;
+            luna::after(Duration::from_millis(1)).await;
+        }
+        control.connect("other");
+        luna::after(Duration::from_millis(10)).await;
+        let frames = std::iter::from_fn(|| other.received.try_recv().ok());
+        let values: Vec<u8> = frames.map(|frame| frame.data()[0]).collect();
+        // One on the bus, one at the port, one of the producer, and the newest.
+        assert_eq!(values, [0, 1, 2, 19]);
+        drop((target, other));
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
 fn process_data_of_another_length_is_counted_and_reported() {
     let _watch = watchdog();
     let mut bench = Bench::new();
