@@ -1,8 +1,8 @@
 //! The client of a node's SDO server.
 
 use super::nmt::frame;
-use super::sdo::{Chunk, Object, Request, Response, Short};
-use super::{AbortCode, NodeId, Value};
+use super::sdo::{Chunk, Request, Response, Short};
+use super::{AbortCode, NodeId, Object, Value};
 use crate::Frame;
 use luna::{Error, Receiver, Sender};
 use std::time::Duration;

@@ -3,8 +3,7 @@
 use super::client::SdoError;
 use super::heartbeat::ended_is_well;
 use super::nmt::frame;
-use super::sdo::Object;
-use super::{PdoValue, SdoClient};
+use super::{Object, PdoValue, SdoClient};
 use crate::Frame;
 use luna::{Process, Receiver, Sender};
 use std::time::Duration;

@@ -1,34 +1,6 @@
 //! The messages of SDO transfers, expedited and in segments.
 
-use super::AbortCode;
-
-/// An object of a node: its index and sub-index.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Object {
-    /// The index.
-    pub index: u16,
-    /// The sub-index.
-    pub sub: u8,
-}
-
-impl Object {
-    /// The object at an index and a sub-index.
-    pub const fn new(index: u16, sub: u8) -> Self {
-        Self { index, sub }
-    }
-}
-
-impl std::fmt::Display for Object {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:04X}h:{:02X}h", self.index, self.sub)
-    }
-}
-
-impl std::fmt::Debug for Object {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Object({self})")
-    }
-}
+use super::{AbortCode, Object};
 
 /// Up to 7 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
