@@ -98,6 +98,14 @@ impl Dictionary {
         }
     }
 
+    /// Sets the objects of the communication profile, 1000h to 1FFFh, to what they begin with.
+    pub(super) fn reset_communication(&mut self, initial: &Dictionary) {
+        let own = Object::new(0x1000, 0)..Object::new(0x2000, 0);
+        for (object, entry) in initial.0.range(own) {
+            self.0.insert(*object, entry.clone());
+        }
+    }
+
     fn missing(&self, object: Object) -> AbortCode {
         match self.0.keys().any(|other| other.index == object.index) {
             true => AbortCode::NO_SUBINDEX,

@@ -4,8 +4,10 @@ use super::{id, master, node};
 use crate::common::{Bench, SpawnOk, watchdog};
 use luna::End;
 use luna::prelude::*;
+use luna_can::canopen::sim::Access;
 use luna_can::canopen::{
-    Emergency, Heartbeat, HeartbeatMissed, NmtCommand, NmtState, NodeEvent, NodeId, OnMissed,
+    Emergency, Heartbeat, HeartbeatMissed, NmtCommand, NmtState, NodeEvent, NodeId, Object,
+    OnMissed,
 };
 use luna_can::{Filter, Frame};
 use std::time::Duration;
@@ -60,6 +62,34 @@ fn a_node_is_commanded_and_its_heartbeat_says_so() {
         assert!(events.try_recv().is_err());
         bus.connect("node");
         assert_eq!(events.recv().await?, state(NmtState::PreOperational));
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
+fn a_reset_of_the_communication_keeps_the_objects_of_the_application() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let (speed, period) = (Object::new(0x60FF, 0), Object::new(0x1017, 0));
+    let control = node(&mut bench, |node| {
+        node.object(speed, 1_i32, Access::ReadWrite)
+    });
+    let mut network = master(&mut bench);
+    let (nmt, mut sdo) = (network.nmt(), network.sdo(id()).unwrap());
+    bench.main.process("master").spawn_ok(network.controller());
+    bench.main.process("user").spawn_ok(async move {
+        for (command, kept) in [
+            (NmtCommand::ResetCommunication, 2),
+            (NmtCommand::ResetNode, 1),
+        ] {
+            sdo.write(speed, 2_i32).await?;
+            sdo.write(period, 50_u16).await?;
+            nmt.command(command, Some(id())).await?;
+            luna::after(Duration::from_millis(10)).await;
+            assert_eq!(control.get::<i32>(speed), Some(kept));
+            assert_eq!(control.get::<u16>(period), Some(0));
+        }
         Ok(())
     });
     bench.run().unwrap();

@@ -40,6 +40,7 @@ fn process_data_goes_both_ways_by_event_and_by_sync() {
     let (switch, switches) = luna::channel::<bool>();
     let sync = network.sync(Duration::from_millis(10), switches);
     let (mut sdo, nmt) = (network.sdo(id()).unwrap(), network.nmt());
+    let sender = network.sender();
     bench.main.process("target").spawn_ok(producer);
     bench.main.process("sync").spawn_ok(sync);
     bench.main.process("master").spawn_ok(network.controller());
@@ -79,6 +80,11 @@ fn process_data_goes_both_ways_by_event_and_by_sync() {
         luna::after(Duration::from_millis(1)).await;
         assert_eq!(control.get::<u16>(CONTROL), Some(0xF));
         assert_eq!(control.get::<i32>(TARGET), Some(123_456));
+        // One that is too short is for none of its objects.
+        sender.send(frame(received, &[1; 5])).await?;
+        luna::after(Duration::from_millis(1)).await;
+        assert_eq!(control.get::<u16>(CONTROL), Some(0xF));
+        drop(sender);
 
         switch.send(false).await?;
         luna::after(Duration::from_millis(20)).await;
