@@ -138,7 +138,9 @@ fn a_poisoned_channel_ends_a_controller_whose_frame_waits_for_the_bus() {
     control.cut("other");
     let (end, ended) = std::sync::mpsc::channel();
     bench.main.process("user").spawn_ok(async move {
+        // The bus has the first, the second waits.
         node.send.send(frame(1, &[])).await?;
+        node.send.send(frame(2, &[])).await?;
         luna::after(Duration::from_millis(1)).await;
         node.send.poison();
         let limit = Duration::from_secs(1);

@@ -115,7 +115,7 @@ fn a_late_answer_is_for_no_other_request() {
     let [low, high] = SPEED.index.to_le_bytes();
     let written = [0x60, low, high, SPEED.sub, 0, 0, 0, 0];
     let refused = [0x80, low, high, SPEED.sub, 0, 0, 0, 8];
-    let refused_other = [0x80, 0x08, 0x10, 0, 0, 0, 0, 8];
+    let refused_other = [0x80, 0x08, 0x10, 0, 0x05, 0x00, 0x04, 0x05];
     bench.main.process("answers").spawn_ok(async move {
         let answer = async |data: &[u8]| server.send.send(frame(id().sdo_response(), data)).await;
         // The first write is confirmed when it was given up, and the client has said so.
