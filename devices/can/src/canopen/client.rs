@@ -88,8 +88,8 @@ impl From<SdoError> for Error {
 /// later still, to a request for the same object, cannot be told apart from a new one: let the
 /// timeout be longer than the node takes.
 ///
-/// An abort that no answer was waited for is sent for as long as a timeout at most; if the bus
-/// takes none, the node ends the transfer by its own timeout or with the next request.
+/// To tell the node of an aborted transfer may take another timeout at most. If the bus takes no
+/// frame until then, the node is not told.
 #[derive(Debug)]
 pub struct SdoClient {
     node: NodeId,
