@@ -47,17 +47,17 @@ fn main() -> luna::Result<()> {
     main.process("motor").spawn(move_motor(motor))?;
 
     let mut network = Network::new(&master);
-    let (nmt, mut sdo) = (network.nmt(), network.sdo(id));
+    let (nmt, mut sdo) = (network.nmt(), network.sdo(id)?);
     let (event, events) = luna::buffered::<NodeEvent>(Buffer::fifo(16));
     let heartbeats = network.heartbeats(event);
     let limit = Duration::from_millis(200);
     main.process("heartbeats")
         .spawn(heartbeats.watch(id, limit, OnMissed::Emergency))?;
     let (value, values) = luna::buffered::<(u16, i32)>(Buffer::overwrite_oldest(1));
-    network.tpdo(from_drive, value);
+    network.tpdo(from_drive, value)?;
     let (target, targets) = luna::buffered::<(u16, i32)>(Buffer::overwrite_oldest(1));
     main.process("targets")
-        .spawn(network.rpdo(to_drive, targets))?;
+        .spawn(network.rpdo(to_drive, targets)?)?;
     let (switch, switches) = luna::buffered::<bool>(Buffer::fifo(1));
     main.process("sync").spawn(network.sync(PERIOD, switches))?;
     main.process("can").spawn(network.controller())?;

@@ -19,6 +19,8 @@ struct Inner {
     lost: AtomicU64,
     errors: AtomicU64,
     unreported: AtomicU64,
+    dropped: AtomicU64,
+    /// 0, or one more than the state.
     state: AtomicU8,
 }
 
@@ -54,18 +56,27 @@ impl Counts {
         self.0.errors.load(Ordering::Relaxed)
     }
 
-    /// Events for which their channel had no room, or that has no receiver.
+    /// Events for which their channel had no room, or that has no receiver. So for the reports of
+    /// a [`HeartbeatConsumer`](crate::canopen::HeartbeatConsumer).
     pub fn unreported(&self) -> u64 {
         self.0.unreported.load(Ordering::Relaxed)
     }
 
-    /// The error state of the node.
-    pub fn state(&self) -> State {
+    /// Frames that were not sent, since the node was bus-off: see
+    /// [`OnBusOff::Wait`](crate::OnBusOff::Wait).
+    pub fn dropped(&self) -> u64 {
+        self.0.dropped.load(Ordering::Relaxed)
+    }
+
+    /// The error state of the node, as was reported last; none before the first report. Ports
+    /// report changes: a node is likely to be active until then, but was not asked.
+    pub fn state(&self) -> Option<State> {
         match self.0.state.load(Ordering::Relaxed) {
-            0 => State::Active,
-            1 => State::Warning,
-            2 => State::Passive,
-            _ => State::BusOff,
+            0 => None,
+            1 => Some(State::Active),
+            2 => Some(State::Warning),
+            3 => Some(State::Passive),
+            _ => Some(State::BusOff),
         }
     }
 
@@ -97,8 +108,12 @@ impl Counts {
         self.0.unreported.fetch_add(1, Ordering::Relaxed);
     }
 
+    pub(crate) fn add_dropped(&self) {
+        self.0.dropped.fetch_add(1, Ordering::Relaxed);
+    }
+
     pub(crate) fn set_state(&self, state: State) {
-        self.0.state.store(state as u8, Ordering::Relaxed);
+        self.0.state.store(state as u8 + 1, Ordering::Relaxed);
     }
 }
 
@@ -112,6 +127,7 @@ impl fmt::Debug for Counts {
             .field("lost", &self.lost())
             .field("errors", &self.errors())
             .field("unreported", &self.unreported())
+            .field("dropped", &self.dropped())
             .field("state", &self.state())
             .finish()
     }

@@ -26,13 +26,17 @@ impl Filter {
         }
     }
 
-    /// Frames with identifiers of 11 bits that are as `id` where `mask` has ones.
+    /// Frames with identifiers of 11 bits that are as `id` where `mask` has ones. Only 11 bits of
+    /// both count.
     pub const fn standard(id: u16, mask: u16) -> Self {
+        let (id, mask) = (id & 0x7FF, mask & 0x7FF);
         Self(Kind::Standard { id, mask })
     }
 
-    /// Frames with identifiers of 29 bits that are as `id` where `mask` has ones.
+    /// Frames with identifiers of 29 bits that are as `id` where `mask` has ones. Only 29 bits of
+    /// both count: the others are flags of the kernel's filters.
     pub const fn extended(id: u32, mask: u32) -> Self {
+        let (id, mask) = (id & 0x1FFF_FFFF, mask & 0x1FFF_FFFF);
         Self(Kind::Extended { id, mask })
     }
 

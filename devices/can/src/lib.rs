@@ -17,7 +17,7 @@
 //! | a frame does not decode ([`Controller::receive_as`]) | the same ([`Event::Malformed`]) |
 //! | the kernel's or the hardware's queue was full | counts and reports what was lost ([`Event::Lost`]) |
 //! | an error on the bus; another error state | counts and reports it; the hardware repeats the frame |
-//! | bus-off | the device is lost: an emergency by default; or it waits ([`OnBusOff`]) |
+//! | bus-off | the device is lost: an emergency by default; or it waits, and drops what is to be sent ([`OnBusOff`]) |
 //! | the interface is down or gone | the device is lost |
 //! | the bus takes no frames | a frame waits in the queue of the kernel, then its sender waits |
 //!

@@ -66,18 +66,19 @@ impl BusReport {
     }
 }
 
-/// The error state of a node.
+/// The error state of a node, by its error counters. A frame that it sends and that is destroyed
+/// adds 8 to one, most errors in frames of others add 1, and each good frame takes 1 away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum State {
-    /// All is well.
+    /// Both counters are below 96.
     #[default]
     Active,
-    /// 96 errors and more.
+    /// A counter is 96 or more.
     Warning,
-    /// 128 errors and more: it can no longer destroy the frames of others.
+    /// A counter is 128 or more: it can no longer destroy the frames of others.
     Passive,
-    /// 256 errors and more: it takes no part until it is restarted.
+    /// The counter of what it sends is above 255: it takes no part until it is restarted.
     BusOff,
 }
 
@@ -96,8 +97,10 @@ impl fmt::Display for State {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum BusError {
-    /// No node has acknowledged a frame: there is no other, or the bit rates differ.
-    #[error("no node has acknowledged a frame: there is no other, or the bit rates differ")]
+    /// No node has acknowledged a frame.
+    #[error(
+        "no node has acknowledged a frame: check that another is on the bus, the wires and the bit rates"
+    )]
     NotAcknowledged,
     /// A frame was destroyed: a bit, its stuffing, its form or its checksum is wrong.
     #[error("a frame was destroyed: check the wires, the termination and the bit rates")]

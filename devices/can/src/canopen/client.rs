@@ -1,8 +1,8 @@
 //! The client of a node's SDO server.
 
 use super::nmt::frame;
-use super::sdo::{Chunk, Object, Request, Response};
-use super::{AbortCode, NodeId, Value};
+use super::sdo::{Chunk, Request, Response, Short};
+use super::{AbortCode, NodeId, Object, Value};
 use crate::Frame;
 use luna::{Error, Receiver, Sender};
 use std::time::Duration;
@@ -10,7 +10,10 @@ use std::time::Duration;
 /// Values are no longer than this unless [`SdoClient::longest`] says otherwise.
 const LONGEST: usize = 64 * 1024;
 
-/// Why an object was not read or written.
+/// What an abort is for that is for no object.
+const NO_OBJECT: Object = Object::new(0, 0);
+
+/// Why an object was not read or written, or a node has no client.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SdoError {
@@ -24,24 +27,25 @@ pub enum SdoError {
         /// Why.
         code: AbortCode,
     },
-    /// The node did not answer in time. It was told that the transfer is aborted.
-    #[error("{node} does not answer for {object} within {limit:?}")]
+    /// No answer came in time: the node gave none, or the bus took no request. A node that was
+    /// asked is told that the transfer is aborted.
+    #[error("no answer of {node} for {object} within {limit:?}")]
     TimedOut {
         /// Which node.
         node: NodeId,
         /// Which object.
         object: Object,
-        /// How long was waited for one answer.
+        /// How long was waited to send one request and for its answer.
         limit: Duration,
     },
-    /// The node answers what was not asked. It was told that the transfer is aborted, and why.
+    /// The node answers what was not asked. It is told that the transfer is aborted, and why.
     #[error("{node} answers {object} against the protocol: {code}")]
     Protocol {
         /// Which node.
         node: NodeId,
         /// Which object.
         object: Object,
-        /// What it was told.
+        /// What it is told.
         code: AbortCode,
     },
     /// The value has another length than its type.
@@ -55,6 +59,12 @@ pub enum SdoError {
         len: usize,
         /// How many the type has.
         expected: usize,
+    },
+    /// The network has an SDO client for this node already.
+    #[error("the network has an SDO client for {node} already: use that one")]
+    HasClient {
+        /// Which node.
+        node: NodeId,
     },
     /// The controller has ended.
     #[error("the CAN controller has ended")]
@@ -70,8 +80,16 @@ impl From<SdoError> for Error {
 /// Reads and writes objects of one node: see [`Network::sdo`](super::Network::sdo).
 ///
 /// One transfer at a time. Off the real-time path: it allocates, and a long value takes many
-/// frames. Cancel-safe in so far as the next transfer is not confused; the node may have taken the
-/// value.
+/// frames.
+///
+/// After a transfer that timed out or was dropped the node may have taken the value. An answer says
+/// which object it is for, but not which request: so the next transfer begins only after another
+/// [`timeout`](Self::timeout), and answers that come until then are dropped. An answer that is
+/// later still, to a request for the same object, cannot be told apart from a new one: let the
+/// timeout be longer than the node takes.
+///
+/// To tell the node of an aborted transfer may take another timeout at most. If the bus takes no
+/// frame until then, the node is not told.
 #[derive(Debug)]
 pub struct SdoClient {
     node: NodeId,
@@ -79,6 +97,8 @@ pub struct SdoClient {
     responses: Receiver<Frame>,
     timeout: Duration,
     longest: usize,
+    /// Whether a request has had no answer yet.
+    is_asked: bool,
 }
 
 impl SdoClient {
@@ -89,10 +109,12 @@ impl SdoClient {
             responses,
             timeout: Duration::from_secs(1),
             longest: LONGEST,
+            is_asked: false,
         }
     }
 
-    /// How long one answer may take; 1 s if not stated.
+    /// How long it may take to send one request and have its answer; 1 s if not stated. A long
+    /// value takes many requests.
     #[must_use]
     pub fn timeout(mut self, timeout: Duration) -> Self {
         self.timeout = timeout;
@@ -106,13 +128,14 @@ impl SdoClient {
         self
     }
 
-    /// Reads a value.
+    /// Reads a value. If the node does not state how many bytes it has, as many are taken as its
+    /// type has.
     ///
     /// # Errors
     ///
     /// An [`SdoError`].
     pub async fn read<T: Value>(&mut self, object: Object) -> Result<T, SdoError> {
-        let bytes = self.upload(object).await?;
+        let bytes = self.upload_of_len(object, T::LEN).await?;
         T::decode(&bytes).ok_or(SdoError::Length {
             node: self.node,
             object,
@@ -132,15 +155,21 @@ impl SdoClient {
         self.download(object, &bytes).await
     }
 
-    /// Reads the bytes of an object: by one frame, or in segments, as the node likes.
+    /// Reads the bytes of an object: by one frame, or in segments, as the node likes. If the node
+    /// answers by one frame and does not state how many of its 4 bytes count, it gives all 4.
     ///
     /// # Errors
     ///
     /// An [`SdoError`].
     pub async fn upload(&mut self, object: Object) -> Result<Vec<u8>, SdoError> {
-        let size = match self.ask(object, Request::Upload { object }).await? {
+        self.upload_of_len(object, 4).await
+    }
+
+    /// `len` counts where the node does not state it.
+    async fn upload_of_len(&mut self, object: Object, len: usize) -> Result<Vec<u8>, SdoError> {
+        let size = match self.begin(object, Request::Upload { object }).await? {
             Response::Expedited { object: of, data } if of == object => {
-                return Ok(data.bytes().to_vec());
+                return Ok(data.of_len(len).to_vec());
             }
             Response::Upload { object: of, size } if of == object => size,
             _ => return Err(self.abort(object, AbortCode::UNKNOWN_COMMAND).await),
@@ -159,6 +188,10 @@ impl SdoClient {
                     is_last,
                     data,
                 } if own == toggle => {
+                    // Else it could go on for ever.
+                    if data.bytes().is_empty() && !is_last {
+                        return Err(self.abort(object, AbortCode::UNKNOWN_COMMAND).await);
+                    }
                     bytes.extend_from_slice(data.bytes());
                     if bytes.len() > limit {
                         return Err(self.abort(object, AbortCode::TOO_LONG).await);
@@ -192,14 +225,14 @@ impl SdoClient {
         let begin = match is_expedited {
             true => Request::Expedited {
                 object,
-                data: Chunk::new(bytes),
+                data: Short::new(bytes),
             },
             false => Request::Download {
                 object,
                 size: u32::try_from(bytes.len()).ok(),
             },
         };
-        match self.ask(object, begin).await? {
+        match self.begin(object, begin).await? {
             Response::Downloaded { object: of } if of == object => {}
             _ => return Err(self.abort(object, AbortCode::UNKNOWN_COMMAND).await),
         }
@@ -229,50 +262,73 @@ impl SdoClient {
         }
     }
 
+    /// Begins a transfer.
+    async fn begin(&mut self, object: Object, request: Request) -> Result<Response, SdoError> {
+        if self.is_asked {
+            luna::after(self.timeout).await;
+        }
+        self.ask(object, request).await
+    }
+
     /// Sends a request, and waits for its answer.
     async fn ask(&mut self, object: Object, request: Request) -> Result<Response, SdoError> {
         // Late answers to what was given up.
         while self.responses.try_recv().is_ok() {}
-        self.tell(request).await?;
-        let answer = match self.responses.recv_timeout(self.timeout).await {
-            Ok(answer) => answer,
-            Err(error) if error.is_timeout() => {
-                self.abort(object, AbortCode::TIMED_OUT).await;
-                return Err(SdoError::TimedOut {
+        let timed_out = SdoError::TimedOut {
+            node: self.node,
+            object,
+            limit: self.timeout,
+        };
+        let deadline = luna::now() + self.timeout;
+        let sent = self.requests.send_deadline(self.frame(request), deadline);
+        match sent.await {
+            Ok(()) => self.is_asked = true,
+            Err(error) if error.is_timeout() => return Err(timed_out),
+            Err(_) => return Err(SdoError::Closed),
+        }
+        loop {
+            let answer = match self.responses.recv_deadline(deadline).await {
+                Ok(answer) => answer,
+                Err(error) if error.is_timeout() => {
+                    self.abort(object, AbortCode::TIMED_OUT).await;
+                    return Err(timed_out);
+                }
+                Err(_) => return Err(SdoError::Closed),
+            };
+            let bytes = answer.data().try_into().ok();
+            let answered = match bytes.and_then(Response::decode) {
+                // That of a transfer that was given up. Servers abort requests that they do not
+                // know with no object.
+                Some(Response::Abort { object: of, .. }) if of != object && of != NO_OBJECT => {
+                    continue;
+                }
+                Some(Response::Abort { code, .. }) => Err(SdoError::Aborted {
                     node: self.node,
                     object,
-                    limit: self.timeout,
-                });
-            }
-            Err(_) => return Err(SdoError::Closed),
-        };
-        let bytes = answer.data().try_into().ok();
-        match bytes.and_then(Response::decode) {
-            Some(Response::Abort { code, .. }) => Err(SdoError::Aborted {
-                node: self.node,
-                object,
-                code,
-            }),
-            Some(response) => Ok(response),
-            None => Err(self.abort(object, AbortCode::UNKNOWN_COMMAND).await),
+                    code,
+                }),
+                Some(response) => Ok(response),
+                None => Err(self.abort(object, AbortCode::UNKNOWN_COMMAND).await),
+            };
+            self.is_asked = false;
+            return answered;
         }
     }
 
-    async fn tell(&self, request: Request) -> Result<(), SdoError> {
-        let request = frame(self.node.sdo_request(), &request.encode());
-        let sent = self.requests.send(request).await;
-        sent.map_err(|_| SdoError::Closed)
+    fn frame(&self, request: Request) -> Frame {
+        frame(self.node.sdo_request(), &request.encode())
     }
 
     /// Tells the node that the transfer has ended.
     async fn abort(&self, object: Object, code: AbortCode) -> SdoError {
-        match self.tell(Request::Abort { object, code }).await {
-            Ok(()) => SdoError::Protocol {
+        let request = self.frame(Request::Abort { object, code });
+        match self.requests.send_timeout(request, self.timeout).await {
+            Err(error) if !error.is_timeout() => SdoError::Closed,
+            _ => SdoError::Protocol {
                 node: self.node,
                 object,
                 code,
             },
-            Err(error) => error,
         }
     }
 }

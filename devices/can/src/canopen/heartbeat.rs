@@ -2,8 +2,8 @@
 
 use super::nmt::Heartbeat;
 use super::{NmtState, NodeId};
-use crate::Frame;
-use luna::channel::ChannelEnd;
+use crate::{Counts, Frame};
+use luna::channel::{ChannelEnd, TrySendError};
 use luna::realtime::off_path;
 use luna::{Error, Instant, Process, Receiver, Sender};
 use std::future::{Future, poll_fn};
@@ -50,38 +50,58 @@ struct Watch {
     limit: Duration,
     on_missed: OnMissed,
     state: Option<NmtState>,
-    /// None before the first, and after a missed one.
+    /// None before the first heartbeat, after a boot-up, and after a missed heartbeat.
     deadline: Option<Instant>,
+}
+
+impl Watch {
+    /// Handles a heartbeat of its node. Returns what is to be reported.
+    fn note(&mut self, beat: Heartbeat) -> Option<NodeEvent> {
+        let before = self.state.replace(beat.state);
+        if beat.state == NmtState::BootUp {
+            self.deadline = None;
+            return Some(NodeEvent::BootUp(beat.node));
+        }
+        self.deadline = Some(luna::now() + self.limit);
+        (before != Some(beat.state)).then_some(NodeEvent::State(beat.node, beat.state))
+    }
 }
 
 /// Watches the heartbeats of nodes, to be spawned: see
 /// [`Network::heartbeats`](super::Network::heartbeats).
 ///
-/// A node is watched from its first heartbeat or boot-up on, as the standard has it: one that never
-/// comes is not reported.
+/// A node is watched from its first heartbeat on, as object 1016h has it. A node that never sends
+/// one is not reported. A boot-up ends the watch until the next heartbeat.
 ///
-/// It ends without an error when the receivers of its reports or the controller are gone, and then
-/// raises no emergency any more. It waits until a report is taken: give that channel a buffer. Real-time path: yes; no allocation,
-/// O(nodes) a heartbeat.
+/// It does not wait for the reader of its reports: a report for which their channel has no room is
+/// dropped, and counted in [`Counts::unreported`]. So give that channel a buffer.
+///
+/// It ends without an error when the controller is gone. With no [`OnMissed::Emergency`] it also
+/// ends when the receivers of its reports are gone; with one it goes on, for as long as anything
+/// else uses the network.
+///
+/// Real-time path: yes; no allocation, O(watches) a heartbeat.
 #[derive(Debug)]
 #[must_use = "a consumer is a process: spawn it"]
 pub struct HeartbeatConsumer {
     frames: Receiver<Frame>,
     events: Sender<NodeEvent>,
+    counts: Counts,
     watches: Vec<Watch>,
 }
 
 impl HeartbeatConsumer {
-    pub(super) fn new(frames: Receiver<Frame>, events: Sender<NodeEvent>) -> Self {
+    pub(super) fn new(frames: Receiver<Frame>, events: Sender<NodeEvent>, counts: Counts) -> Self {
         Self {
             frames,
             events,
+            counts,
             watches: Vec::new(),
         }
     }
 
     /// Watches a node: a heartbeat is missed when none has come for `limit`. Take some periods of
-    /// its producer.
+    /// its producer. A node can have several watches, each with its own limit.
     pub fn watch(mut self, node: NodeId, limit: Duration, on_missed: OnMissed) -> Self {
         self.watches.push(Watch {
             node,
@@ -93,16 +113,11 @@ impl HeartbeatConsumer {
         self
     }
 
-    /// Handles a heartbeat. Returns what is to be reported.
+    /// Handles a heartbeat. Returns what is to be reported, once for all watches of its node.
     fn note(&mut self, beat: Heartbeat) -> Option<NodeEvent> {
-        let watch = self.watches.iter_mut().find(|one| one.node == beat.node)?;
-        watch.deadline = Some(luna::now() + watch.limit);
-        let before = watch.state.replace(beat.state);
-        match beat.state {
-            NmtState::BootUp => Some(NodeEvent::BootUp(beat.node)),
-            state if before != Some(state) => Some(NodeEvent::State(beat.node, state)),
-            _ => None,
-        }
+        let watches = self.watches.iter_mut();
+        let of_node = watches.filter(|watch| watch.node == beat.node);
+        of_node.fold(None, |event, watch| watch.note(beat).or(event))
     }
 
     /// The one whose time is over first.
@@ -112,48 +127,70 @@ impl HeartbeatConsumer {
         timed.min_by_key(|(deadline, _)| *deadline)
     }
 
+    /// Without a wait: other nodes are watched meanwhile.
+    fn report(&self, event: NodeEvent) -> luna::Result<()> {
+        match self.events.try_send(event) {
+            Ok(()) => Ok(()),
+            Err(TrySendError::Full(_) | TrySendError::Closed(_)) => {
+                self.counts.add_unreported();
+                Ok(())
+            }
+            Err(_) => Err(Error::Poisoned),
+        }
+    }
+
     async fn go_on(&mut self) -> luna::Result<()> {
+        let can_end = |watch: &Watch| watch.on_missed != OnMissed::Emergency;
+        let ends_unread = self.watches.iter().all(can_end);
+        let mut is_read = true;
         loop {
             let due = self.next().map(|(due, _)| due);
-            let received = match self.frames.recv_unless(over(&self.events, due)).await {
+            let reader = is_read.then_some(&self.events);
+            let received = match self.frames.recv_unless(over(reader, due)).await {
                 Ok(frame) => Some(frame),
                 Err(error) if error.is_timeout() => None,
                 Err(error) => return Err(error.into()),
             };
             if let Some(frame) = received {
                 if let Some(event) = Heartbeat::decode(&frame).and_then(|beat| self.note(beat)) {
-                    self.events.send(event).await?;
+                    self.report(event)?;
                 }
                 continue;
             }
             let watch = match self.next() {
                 Some((due, watch)) if due <= luna::now() => watch,
                 // Its reports have no receiver any more.
-                _ => {
-                    return match self.events.ended().await {
-                        ChannelEnd::Poisoned => Err(Error::Poisoned),
-                        ChannelEnd::Closed => Ok(()),
-                    };
-                }
+                _ => match self.events.ended().await {
+                    ChannelEnd::Poisoned => return Err(Error::Poisoned),
+                    ChannelEnd::Closed if ends_unread => return Ok(()),
+                    ChannelEnd::Closed => {
+                        is_read = false;
+                        continue;
+                    }
+                },
             };
             (watch.deadline, watch.state) = (None, None);
             let (node, limit, on_missed) = (watch.node, watch.limit, watch.on_missed);
             if on_missed == OnMissed::Emergency {
-                // The emergency comes first: it does not wait for a reader.
                 let missed = HeartbeatMissed { node, limit };
                 // It allocates; there is nothing left to be in time for.
                 let error = off_path(|| luna::emergency(Error::other(missed)));
-                let _ = self.events.try_send(NodeEvent::Missed(node));
+                let _ = self.report(NodeEvent::Missed(node));
                 return Err(error);
             }
-            self.events.send(NodeEvent::Missed(node)).await?;
+            self.report(NodeEvent::Missed(node))?;
         }
     }
 }
 
 /// Waits until its reports have no receiver any more, or a heartbeat is due.
-async fn over(events: &Sender<NodeEvent>, due: Option<Instant>) {
-    let mut ended = pin!(events.ended());
+async fn over(reader: Option<&Sender<NodeEvent>>, due: Option<Instant>) {
+    let mut ended = pin!(async {
+        match reader {
+            Some(events) => events.ended().await,
+            None => std::future::pending().await,
+        }
+    });
     let mut late = pin!(async {
         match due {
             Some(due) => luna::at(due).await,

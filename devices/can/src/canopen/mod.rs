@@ -35,7 +35,7 @@
 //! main.process("drive").spawn(node)?;
 //!
 //! let mut network = Network::new(&master);
-//! let (nmt, mut sdo) = (network.nmt(), network.sdo(drive));
+//! let (nmt, mut sdo) = (network.nmt(), network.sdo(drive)?);
 //! main.process("can").spawn(network.controller())?;
 //! # drop((master, simulated));
 //! main.process("user").spawn(async move {
@@ -64,6 +64,7 @@ mod heartbeat;
 mod network;
 mod nmt;
 mod node_id;
+mod object;
 mod pdo;
 mod sdo;
 pub mod sim;
@@ -76,6 +77,6 @@ pub use heartbeat::{HeartbeatConsumer, HeartbeatMissed, HeartbeatProducer, NodeE
 pub use network::Network;
 pub use nmt::{Heartbeat, Nmt, NmtCommand, NmtState};
 pub use node_id::NodeId;
+pub use object::Object;
 pub use pdo::{Direction, PdoError, PdoProducer, PdoSetting, SYNC, SyncProducer, Transmission};
-pub use sdo::Object;
 pub use value::{PdoValue, Value};

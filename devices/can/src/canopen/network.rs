@@ -2,30 +2,40 @@
 
 use super::heartbeat::{HeartbeatConsumer, HeartbeatProducer};
 use super::pdo::{self, PdoProducer, SyncProducer};
-use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoValue, SdoClient};
+use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoError, PdoValue, SdoClient, SdoError};
 use crate::{Controller, Counts, Event, Filter, Frame, OnBusOff, Port, controller};
 use luna::devices::Device;
 use luna::{Buffer, Receiver, Sender};
 use std::fmt;
 use std::time::Duration;
 
-/// Frames that wait to be sent, and of each kind to be handled.
+/// Frames of each kind that wait to be handled.
 const QUEUE: usize = 64;
 
 /// What this program has to do with the nodes of a bus. Each part is asked for while the system is
 /// set up; then the [controller](Self::controller) is spawned, and each part that is a process.
+///
+/// While the bus takes no frames, each part waits with its frame. When it takes frames again, these
+/// go out though they are old: at most one of each part, and those that the controller, the port
+/// and the kernel (`txqueuelen`) have taken. So give [`rpdo`](Self::rpdo) a channel that overwrites
+/// its oldest value: then the newest set-point follows. If the node was bus-off, see
+/// [`OnBusOff`].
 pub struct Network<P: Port> {
     controller: Controller<P>,
     outgoing: Sender<Frame>,
+    /// Nodes with an SDO client.
+    clients: Vec<NodeId>,
 }
 
 impl<P: Port> Network<P> {
     /// Nothing is received or sent yet.
     pub fn new(device: &Device<P>) -> Self {
-        let (outgoing, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        // Without a buffer: what waited there would be old when the bus takes frames again.
+        let (outgoing, frames) = luna::channel();
         Self {
             controller: controller(device).send(frames),
             outgoing,
+            clients: Vec::new(),
         }
     }
 
@@ -58,16 +68,31 @@ impl<P: Port> Network<P> {
         Nmt(self.outgoing.clone())
     }
 
-    /// Reads and writes the objects of a node.
-    pub fn sdo(&mut self, node: NodeId) -> SdoClient {
-        let frames = self.frames(Filter::standard(node.sdo_response(), 0x7FF));
-        SdoClient::new(node, self.outgoing.clone(), frames)
+    /// Reads and writes the objects of a node. There is one client for a node, since a server has
+    /// one transfer at a time and its answers do not say which client they are for.
+    ///
+    /// # Errors
+    ///
+    /// [`SdoError::HasClient`].
+    pub fn sdo(&mut self, node: NodeId) -> Result<SdoClient, SdoError> {
+        if self.clients.contains(&node) {
+            return Err(SdoError::HasClient { node });
+        }
+        self.clients.push(node);
+        let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        let filters = [Filter::standard(node.sdo_response(), 0x7FF)];
+        self.receive_as(&filters, |frame| Some(*frame), sender);
+        Ok(SdoClient::new(node, self.outgoing.clone(), frames))
     }
 
-    /// A process that watches heartbeats, and reports to a channel.
+    /// A process that watches heartbeats, and reports to a channel. The controller does not end
+    /// before the receivers of these reports are gone.
     pub fn heartbeats(&mut self, events: Sender<NodeEvent>) -> HeartbeatConsumer {
-        let frames = self.frames(Filter::standard(0x700, 0x780));
-        HeartbeatConsumer::new(frames, events)
+        let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
+        let filters = [Filter::standard(0x700, 0x780)];
+        self.controller
+            .add_passed_on(&filters, sender, events.clone());
+        HeartbeatConsumer::new(frames, events, self.counts())
     }
 
     /// A process that sends the heartbeat of a node that this program is. Each state that comes
@@ -98,17 +123,31 @@ impl<P: Port> Network<P> {
 
     /// Gives the values of a PDO that a node transmits to a channel, by the controller: see
     /// [`Controller::receive_as`]. A PDO of another length is [counted](Counts::malformed).
-    pub fn tpdo<T: PdoValue>(&mut self, id: u16, sender: Sender<T>) {
-        self.receive_as(&[Filter::standard(id, 0x7FF)], pdo::decode::<T>, sender);
+    ///
+    /// # Errors
+    ///
+    /// [`PdoError::Identifier`].
+    pub fn tpdo<T: PdoValue>(&mut self, id: u16, sender: Sender<T>) -> Result<(), PdoError> {
+        let filter = Filter::standard(pdo::checked(id)?, 0x7FF);
+        self.receive_as(&[filter], pdo::decode::<T>, sender);
+        Ok(())
     }
 
     /// A process that sends the values of a channel as a PDO that a node receives.
-    pub fn rpdo<T: PdoValue>(&self, id: u16, values: Receiver<T>) -> PdoProducer<T> {
-        PdoProducer {
-            id,
+    ///
+    /// # Errors
+    ///
+    /// [`PdoError::Identifier`].
+    pub fn rpdo<T: PdoValue>(
+        &self,
+        id: u16,
+        values: Receiver<T>,
+    ) -> Result<PdoProducer<T>, PdoError> {
+        Ok(PdoProducer {
+            id: pdo::checked(id)?,
             values,
             frames: self.outgoing.clone(),
-        }
+        })
     }
 
     /// A process that sends SYNC messages; the channel switches it off and on.
@@ -124,12 +163,6 @@ impl<P: Port> Network<P> {
     /// gone.
     pub fn controller(self) -> Controller<P> {
         self.controller
-    }
-
-    fn frames(&mut self, filter: Filter) -> Receiver<Frame> {
-        let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
-        self.receive_as(&[filter], |frame| Some(*frame), sender);
-        frames
     }
 
     fn receive_as<T: Send + 'static>(

@@ -150,8 +150,8 @@ impl Nmt {
 
 /// A frame with data and an identifier that fit.
 pub(crate) fn frame(id: u16, data: &[u8]) -> Frame {
-    // Identifiers here have 11 bits, data at most 8 bytes: else this is a defect, which the tests
-    // of all messages would find.
-    Frame::standard(id & 0x7FF, &data[..data.len().min(8)])
+    // Identifiers here have 11 bits, those of PDOs are checked, data has at most 8 bytes: else
+    // this is a defect, which the tests of all messages would find.
+    Frame::standard(id, &data[..data.len().min(8)])
         .unwrap_or_else(|| unreachable!("11 bits and 8 bytes fit"))
 }

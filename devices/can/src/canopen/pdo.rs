@@ -3,8 +3,7 @@
 use super::client::SdoError;
 use super::heartbeat::ended_is_well;
 use super::nmt::frame;
-use super::sdo::Object;
-use super::{PdoValue, SdoClient};
+use super::{Object, PdoValue, SdoClient};
 use crate::Frame;
 use luna::{Process, Receiver, Sender};
 use std::time::Duration;
@@ -20,10 +19,11 @@ pub enum Transmission {
 }
 
 impl Transmission {
-    fn code(self) -> u8 {
+    fn code(self) -> Result<u8, PdoError> {
         match self {
-            Transmission::Synchronous(every) => every.clamp(1, 240),
-            Transmission::OnEvent => 255,
+            Transmission::Synchronous(every @ 1..=240) => Ok(every),
+            Transmission::Synchronous(every) => Err(PdoError::Transmission(every)),
+            Transmission::OnEvent => Ok(255),
         }
     }
 }
@@ -44,7 +44,8 @@ pub struct PdoSetting {
     direction: Direction,
     number: u16,
     id: u16,
-    transmission: Transmission,
+    /// Its transmission type.
+    transmission: u8,
     /// Objects with their length in bytes.
     objects: Vec<(Object, u8)>,
 }
@@ -56,9 +57,13 @@ pub enum PdoError {
     /// The number of a PDO is 1 to 512.
     #[error("PDOs are counted from 1 to 512")]
     Number,
-    /// The identifier has more than 11 bits.
-    #[error("the identifier of a PDO has 11 bits")]
-    Identifier,
+    /// The identifier is not one of those that are left for PDOs: other services have it, or it
+    /// has more than 11 bits.
+    #[error("{0:03X}h is no identifier of a PDO: those are 181h to 57Fh and 680h to 6DFh")]
+    Identifier(u16),
+    /// A PDO is sent with every 1 to 240 SYNC messages.
+    #[error("a PDO cannot be sent with every {0} SYNC messages, but with every 1 to 240")]
+    Transmission(u8),
     /// The objects have more than 8 bytes.
     #[error("the objects in a PDO have {0} bytes, but there is room for 8")]
     TooLong(usize),
@@ -70,29 +75,37 @@ impl From<PdoError> for luna::Error {
     }
 }
 
+/// The identifier, if a PDO can have it. Those of NMT, SYNC, EMCY, TIME, SDO and heartbeats, and
+/// those that CiA 301 reserves, are for no PDO.
+pub(super) fn checked(id: u16) -> Result<u16, PdoError> {
+    match id {
+        0x181..0x580 | 0x680..0x6E0 => Ok(id),
+        _ => Err(PdoError::Identifier(id)),
+    }
+}
+
 impl PdoSetting {
     /// A PDO, counted from 1, without objects yet.
     ///
     /// # Errors
     ///
-    /// [`PdoError::Number`], [`PdoError::Identifier`].
+    /// [`PdoError::Number`], [`PdoError::Identifier`], [`PdoError::Transmission`].
     pub fn new(
         direction: Direction,
         number: u16,
         id: u16,
         transmission: Transmission,
     ) -> Result<Self, PdoError> {
-        match (number, id) {
-            (1..=512, 0..0x800) => Ok(Self {
-                direction,
-                number,
-                id,
-                transmission,
-                objects: Vec::new(),
-            }),
-            (1..=512, _) => Err(PdoError::Identifier),
-            _ => Err(PdoError::Number),
+        if !(1..=512).contains(&number) {
+            return Err(PdoError::Number);
         }
+        Ok(Self {
+            direction,
+            number,
+            id: checked(id)?,
+            transmission: transmission.code()?,
+            objects: Vec::new(),
+        })
     }
 
     /// Adds an object of this type behind those that are there.
@@ -115,11 +128,14 @@ impl PdoSetting {
     }
 
     /// Sets it up in a node, which is to be pre-operational: switches the PDO off, writes
-    /// transmission and mapping, and switches it on.
+    /// transmission and mapping, and switches it on. A PDO that the node transmits is not to be
+    /// asked for by remote frames.
     ///
     /// # Errors
     ///
-    /// The first that the node refuses, or does not answer. The PDO is off then.
+    /// The first that the node refuses, or does not answer. The PDO is as it was if that is the
+    /// first write, and off after the second to the last but one. If an answer is missing, the node
+    /// may have taken that write: after the first or the last the PDO is on or off.
     pub async fn write(&self, sdo: &mut SdoClient) -> Result<(), SdoError> {
         let (communication, mapping) = match self.direction {
             Direction::Tpdo => (0x1800, 0x1A00),
@@ -127,10 +143,16 @@ impl PdoSetting {
         };
         let communication = communication + self.number - 1;
         let mapping = mapping + self.number - 1;
-        let off = 1 << 31 | u32::from(self.id);
+        // Bit 31 switches it off. Bit 30 of a TPDO forbids remote frames, which many devices do
+        // not support; of an RPDO it is reserved.
+        let on = match self.direction {
+            Direction::Tpdo => 1 << 30 | u32::from(self.id),
+            Direction::Rpdo => self.id.into(),
+        };
+        let off = 1 << 31 | on;
         sdo.write(Object::new(communication, 1), off).await?;
-        let code = self.transmission.code();
-        sdo.write(Object::new(communication, 2), code).await?;
+        sdo.write(Object::new(communication, 2), self.transmission)
+            .await?;
         sdo.write(Object::new(mapping, 0), 0_u8).await?;
         for (number, (object, len)) in (1..).zip(&self.objects) {
             let bits = u32::from(*len) * 8;
@@ -139,7 +161,6 @@ impl PdoSetting {
         }
         let count = self.objects.len() as u8;
         sdo.write(Object::new(mapping, 0), count).await?;
-        let on = u32::from(self.id);
         sdo.write(Object::new(communication, 1), on).await
     }
 }

@@ -1,34 +1,6 @@
 //! The messages of SDO transfers, expedited and in segments.
 
-use super::AbortCode;
-
-/// An object of a node: its index and sub-index.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Object {
-    /// The index.
-    pub index: u16,
-    /// The sub-index.
-    pub sub: u8,
-}
-
-impl Object {
-    /// The object at an index and a sub-index.
-    pub const fn new(index: u16, sub: u8) -> Self {
-        Self { index, sub }
-    }
-}
-
-impl std::fmt::Display for Object {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:04X}h:{:02X}h", self.index, self.sub)
-    }
-}
-
-impl std::fmt::Debug for Object {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Object({self})")
-    }
-}
+use super::{AbortCode, Object};
 
 /// Up to 7 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -55,11 +27,43 @@ impl Chunk {
     }
 }
 
+/// What is in one frame: 1 to 4 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Short {
+    /// The size is stated.
+    Sized(Chunk),
+    /// It is not: as many of the bytes count as the object's type has.
+    Unsized([u8; 4]),
+}
+
+impl Short {
+    /// The first 4 of the bytes at most.
+    pub(crate) fn new(bytes: &[u8]) -> Self {
+        Short::Sized(Chunk::new(&bytes[..bytes.len().min(4)]))
+    }
+
+    /// The bytes; all that there are if the size is not stated.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        match self {
+            Short::Sized(data) => data.bytes(),
+            Short::Unsized(bytes) => bytes,
+        }
+    }
+
+    /// The bytes of an object of `len` bytes.
+    pub(crate) fn of_len(&self, len: usize) -> &[u8] {
+        match self {
+            Short::Sized(data) => data.bytes(),
+            Short::Unsized(bytes) => &bytes[..len.min(4)],
+        }
+    }
+}
+
 /// What a client asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Request {
     /// Writes 1 to 4 bytes.
-    Expedited { object: Object, data: Chunk },
+    Expedited { object: Object, data: Short },
     /// Begins to write, of so many bytes if it says so.
     Download { object: Object, size: Option<u32> },
     /// Writes a segment of 1 to 7 bytes.
@@ -84,7 +88,7 @@ pub(crate) enum Response {
     /// It has taken a segment.
     SegmentTaken { toggle: bool },
     /// A value of 1 to 4 bytes.
-    Expedited { object: Object, data: Chunk },
+    Expedited { object: Object, data: Short },
     /// It begins to send, so many bytes if it says so.
     Upload { object: Object, size: Option<u32> },
     /// A segment.
@@ -113,12 +117,17 @@ fn word(bytes: &Bytes) -> u32 {
     u32::from_le_bytes([bytes[4], bytes[5], bytes[6], bytes[7]])
 }
 
-/// A begin: 4 bytes and how many of them count, or a size.
-fn expedited(command: u8, of: Object, data: &Chunk) -> Bytes {
-    let mut bytes = [0; 4];
-    let len = data.bytes().len().min(4);
-    bytes[..len].copy_from_slice(&data.bytes()[..len]);
-    with_object(command | 0b11 | ((4 - len as u8) << 2), of, bytes)
+/// A begin: 4 bytes, and how many of them count if that is stated.
+fn expedited(command: u8, of: Object, data: &Short) -> Bytes {
+    match data {
+        Short::Sized(data) => {
+            let mut bytes = [0; 4];
+            let len = data.bytes().len().min(4);
+            bytes[..len].copy_from_slice(&data.bytes()[..len]);
+            with_object(command | 0b11 | ((4 - len as u8) << 2), of, bytes)
+        }
+        Short::Unsized(bytes) => with_object(command | 0b10, of, *bytes),
+    }
 }
 
 fn sized(command: u8, of: Object, size: Option<u32>) -> Bytes {
@@ -128,7 +137,7 @@ fn sized(command: u8, of: Object, size: Option<u32>) -> Bytes {
 
 /// What follows a begin.
 enum Begun {
-    Data(Chunk),
+    Data(Short),
     Size(Option<u32>),
 }
 
@@ -137,9 +146,9 @@ fn begun(bytes: &Bytes) -> Begun {
     match (is_expedited, has_size) {
         (true, true) => {
             let unused = usize::from(bytes[0] >> 2 & 3);
-            Begun::Data(Chunk::new(&bytes[4..8 - unused]))
+            Begun::Data(Short::new(&bytes[4..8 - unused]))
         }
-        (true, false) => Begun::Data(Chunk::new(&bytes[4..])),
+        (true, false) => Begun::Data(Short::Unsized([bytes[4], bytes[5], bytes[6], bytes[7]])),
         (false, true) => Begun::Size(Some(word(bytes))),
         (false, false) => Begun::Size(None),
     }
@@ -270,6 +279,13 @@ mod tests {
         prop::collection::vec(any::<u8>(), least..=most).prop_map(|bytes| Chunk::new(&bytes))
     }
 
+    fn shorts() -> impl Strategy<Value = Short> {
+        prop_oneof![
+            chunks(1, 4).prop_map(Short::Sized),
+            any::<[u8; 4]>().prop_map(Short::Unsized),
+        ]
+    }
+
     fn codes() -> impl Strategy<Value = AbortCode> {
         any::<u32>().prop_map(AbortCode)
     }
@@ -277,8 +293,7 @@ mod tests {
     fn requests() -> impl Strategy<Value = Request> {
         let segment = (any::<bool>(), any::<bool>(), chunks(0, 7));
         prop_oneof![
-            (objects(), chunks(1, 4))
-                .prop_map(|(object, data)| Request::Expedited { object, data }),
+            (objects(), shorts()).prop_map(|(object, data)| Request::Expedited { object, data }),
             (objects(), any::<Option<u32>>())
                 .prop_map(|(object, size)| Request::Download { object, size }),
             segment.prop_map(|(toggle, is_last, data)| Request::DownloadSegment {
@@ -297,8 +312,7 @@ mod tests {
         prop_oneof![
             objects().prop_map(|object| Response::Downloaded { object }),
             any::<bool>().prop_map(|toggle| Response::SegmentTaken { toggle }),
-            (objects(), chunks(1, 4))
-                .prop_map(|(object, data)| Response::Expedited { object, data }),
+            (objects(), shorts()).prop_map(|(object, data)| Response::Expedited { object, data }),
             (objects(), any::<Option<u32>>())
                 .prop_map(|(object, size)| Response::Upload { object, size }),
             segment.prop_map(|(toggle, is_last, data)| Response::Segment {
@@ -314,13 +328,16 @@ mod tests {
     #[test]
     fn known_messages() {
         let object = Object::new(0x1017, 0);
-        let data = Chunk::new(&[0xE8, 3]);
+        let data = Short::new(&[0xE8, 3]);
         let write = Request::Expedited { object, data };
         assert_eq!(write.encode(), [0x2B, 0x17, 0x10, 0, 0xE8, 3, 0, 0]);
         let read = Request::Upload { object };
         assert_eq!(read.encode(), [0x40, 0x17, 0x10, 0, 0, 0, 0, 0]);
         let answer = Response::decode(&[0x4F, 0x17, 0x10, 0, 7, 9, 9, 9]);
-        let data = Chunk::new(&[7]);
+        let data = Short::new(&[7]);
+        assert_eq!(answer, Some(Response::Expedited { object, data }));
+        let answer = Response::decode(&[0x42, 0x17, 0x10, 0, 7, 0, 0, 0]);
+        let data = Short::Unsized([7, 0, 0, 0]);
         assert_eq!(answer, Some(Response::Expedited { object, data }));
         let long = Response::decode(&[0x41, 8, 0x10, 0, 26, 0, 0, 0]);
         let (object, size) = (Object::new(0x1008, 0), Some(26));

@@ -7,7 +7,8 @@ use luna::devices::Device;
 use luna::external::LinkError;
 use luna::realtime::off_path;
 use luna::{Error, Process, Receiver, Sender};
-use routing::{Ends, Route, Routing, Stop, Typed, give_way};
+use luna_platform::clock::Clock;
+use routing::{Ends, PassedOn, Reported, Route, Routing, Stop, Take, Typed, give_way};
 use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
@@ -20,7 +21,7 @@ pub fn controller<P: Port>(device: &Device<P>) -> Controller<P> {
         device: Some(device.clone()),
         outgoing: None,
         receivers: Vec::new(),
-        is_full: Vec::new(),
+        reported: Vec::new(),
         events: None,
         on_bus_off: OnBusOff::default(),
         counts: Counts::default(),
@@ -41,7 +42,8 @@ pub enum Event {
         /// Which: they are numbered from 0 in the order in which they were added.
         receiver: usize,
     },
-    /// A frame for a receiver is none of its values: it has another length, say. It is dropped.
+    /// A frame for a receiver is none of its values: it has another length, say. It and those that
+    /// follow are dropped: once, until one is.
     Malformed {
         /// Which, as for [`Event::Overrun`].
         receiver: usize,
@@ -59,7 +61,9 @@ pub enum OnBusOff {
     #[default]
     Lose,
     /// It reports that, and waits until the node is restarted: by the kernel (`restart-ms`), or by
-    /// hand.
+    /// hand. Until the port reports another state, frames to send are dropped, and
+    /// [counted](Counts::dropped): they would be old when the node is back. What the port and the
+    /// kernel have taken before is theirs: a kernel may send it then.
     Wait,
 }
 
@@ -69,7 +73,7 @@ pub enum OnBusOff {
 pub enum CanError {
     /// The node is bus-off.
     #[error(
-        "the node is bus-off after 256 errors: check the wires, the termination and the bit rates"
+        "the node is bus-off (its error counter is above 255): check the wires, the termination and the bit rates"
     )]
     BusOff,
     /// The port fails.
@@ -81,7 +85,8 @@ pub enum CanError {
 ///
 /// It ends without an error when all senders of what it sends are gone, and all receivers of what
 /// it receives. A poisoned channel ends it with that error. The device is lost if the node is
-/// bus-off, unless [`on_bus_off`](Self::on_bus_off) says otherwise, or when its port fails.
+/// bus-off, unless [`on_bus_off`](Self::on_bus_off) says otherwise, or when its port fails. With a
+/// port to [outside](Port::IS_OUTSIDE) its `pre_run` fails on a virtual clock.
 ///
 /// Real-time path: from its `run` on. No allocation; O(receivers and their filters) a frame. With
 /// SocketCAN a system call a frame, and those of [`readable`](luna::external::readable) to wait.
@@ -93,8 +98,8 @@ pub struct Controller<P: Port> {
     device: Option<Device<P>>,
     outgoing: Option<Receiver<Frame>>,
     receivers: Vec<Route>,
-    /// Of each receiver: whether its channel had no room for the last frame.
-    is_full: Vec<bool>,
+    /// Of each receiver: what was reported of it.
+    reported: Vec<Reported>,
     events: Option<Sender<Event>>,
     on_bus_off: OnBusOff,
     counts: Counts,
@@ -139,24 +144,36 @@ impl<P: Port> Controller<P> {
         decode: impl Fn(&Frame) -> Option<T> + Send + 'static,
         sender: Sender<T>,
     ) {
-        let sender = match P::IS_OUTSIDE {
-            true => sender.external(),
-            false => sender,
-        };
+        let sender = outside::<P, T>(sender);
+        self.add_route(filters, Box::new(Typed { sender, decode }));
+    }
+
+    /// For a process that passes on to `reader` what it makes of frames: it counts as gone when the
+    /// receivers of `reader` are.
+    pub(crate) fn add_passed_on<T: Send + 'static>(
+        &mut self,
+        filters: &[Filter],
+        frames: Sender<Frame>,
+        reader: Sender<T>,
+    ) {
+        let sender = outside::<P, Frame>(frames);
+        let decode = |frame: &Frame| Some(*frame);
+        let to = Typed { sender, decode };
+        self.add_route(filters, Box::new(PassedOn { to, reader }));
+    }
+
+    fn add_route(&mut self, filters: &[Filter], to: Box<dyn Take>) {
         self.receivers.push(Route {
             filters: filters.to_vec(),
-            to: Box::new(Typed { sender, decode }),
+            to,
         });
-        self.is_full.push(false);
+        self.reported.push(Reported::default());
     }
 
     /// Reports events to this channel. It does not wait for it either: an event without room is
     /// [counted](Counts::unreported).
     pub fn events(mut self, events: Sender<Event>) -> Self {
-        self.events = Some(match P::IS_OUTSIDE {
-            true => events.external(),
-            false => events,
-        });
+        self.events = Some(outside::<P, Event>(events));
         self
     }
 
@@ -172,7 +189,27 @@ impl<P: Port> Controller<P> {
     }
 }
 
+/// A sender of what comes from outside of the system, if it does.
+fn outside<P: Port, T: Send>(sender: Sender<T>) -> Sender<T> {
+    match P::IS_OUTSIDE {
+        true => sender.external(),
+        false => sender,
+    }
+}
+
 impl<P: Port> Process for Controller<P> {
+    /// # Errors
+    ///
+    /// The system runs on a virtual clock, which a bus outside of the system does not follow.
+    fn pre_run(&mut self) -> luna::Result<()> {
+        if P::IS_OUTSIDE && Clock::is_virtual_here() {
+            return Err(Error::other(
+                "a CAN bus takes real time, which a virtual clock does not wait for: use a simulated bus (`luna_can::sim`)",
+            ));
+        }
+        Ok(())
+    }
+
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
         // A failure here occurs again at the first wait, which reports it. A simulated bus has no
         // files.
@@ -216,13 +253,13 @@ impl<P: Port> Controller<P> {
         let counts = self.counts.clone();
         let Self {
             receivers,
-            is_full,
+            reported,
             events,
             on_bus_off,
             ..
         } = self;
         let mut routing = Routing {
-            is_full,
+            reported,
             receivers,
             events: events.as_ref(),
             on_bus_off: *on_bus_off,
@@ -242,14 +279,15 @@ impl<P: Port> Controller<P> {
             if ends.poll(cx) {
                 return Poll::Ready(Stop::Poisoned);
             }
+            if let Poll::Ready(stop) = coming.as_mut().poll(cx) {
+                return Poll::Ready(stop);
+            }
+            // After what comes: a frame that waits is dropped when its node is bus-off.
             if !is_sent && let Poll::Ready(stop) = going.as_mut().poll(cx) {
                 is_sent = true;
                 if !matches!(stop, Stop::Closed) {
                     return Poll::Ready(stop);
                 }
-            }
-            if let Poll::Ready(stop) = coming.as_mut().poll(cx) {
-                return Poll::Ready(stop);
             }
             match is_sent && ends.are_all() {
                 true => Poll::Ready(Stop::Closed),
@@ -267,10 +305,24 @@ async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts
             Err(error) if error.is_closed() => return Stop::Closed,
             Err(_) => return Stop::Poisoned,
         };
-        if let Err(error) = port.transmit(frame).await {
-            return error.into();
+        let is_off = || counts.state() == Some(State::BusOff);
+        let mut sending = pin!(port.transmit(frame));
+        let mut poisoned = pin!(outgoing.poisoned());
+        let sent = poll_fn(|cx| {
+            if is_off() {
+                return Poll::Ready(Ok(false));
+            }
+            if let Poll::Ready(sent) = sending.as_mut().poll(cx) {
+                return Poll::Ready(sent.map(|()| true).map_err(Stop::from));
+            }
+            // A bus that takes no frames holds up no end.
+            poisoned.as_mut().poll(cx).map(|_| Err(Stop::Poisoned))
+        });
+        match sent.await {
+            Ok(true) => counts.add_sent(),
+            Ok(false) => counts.add_dropped(),
+            Err(stop) => return stop,
         }
-        counts.add_sent();
         give_way(number).await;
     }
     Stop::Closed

@@ -6,6 +6,7 @@ use luna::Sender;
 use luna::channel::{ChannelEnd, Ended, TrySendError};
 use luna::realtime::off_path;
 use std::future::Future;
+use std::mem::replace;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
@@ -55,10 +56,33 @@ impl<T: Send, F: Fn(&Frame) -> Option<T> + Send> Take for Typed<T, F> {
     }
 }
 
+/// A receiver that passes on to `reader` what it makes of frames.
+pub(super) struct PassedOn<T, F, R> {
+    pub(super) to: Typed<T, F>,
+    pub(super) reader: Sender<R>,
+}
+
+impl<T: Send, F: Fn(&Frame) -> Option<T> + Send, R: Send> Take for PassedOn<T, F, R> {
+    fn take(&self, frame: &Frame) -> Taken {
+        self.to.take(frame)
+    }
+
+    fn ended(&self) -> Ended<'_> {
+        self.reader.ended()
+    }
+}
+
+/// What was reported of a receiver: not again before it is over.
+#[derive(Debug, Default)]
+pub(super) struct Reported {
+    overrun: bool,
+    malformed: bool,
+}
+
 /// What received frames and reports go to.
 pub(super) struct Routing<'a> {
     pub(super) receivers: &'a [Route],
-    pub(super) is_full: &'a mut [bool],
+    pub(super) reported: &'a mut [Reported],
     pub(super) events: Option<&'a Sender<Event>>,
     pub(super) on_bus_off: OnBusOff,
     pub(super) counts: Counts,
@@ -88,18 +112,21 @@ impl Routing<'_> {
             }
             match receiver.to.take(frame) {
                 Taken::Yes => {
-                    self.is_full[number] = false;
+                    self.reported[number] = Reported::default();
                     self.counts.add_received();
                 }
                 Taken::Full => {
                     self.counts.add_overrun();
-                    if !std::mem::replace(&mut self.is_full[number], true) {
+                    self.reported[number].malformed = false;
+                    if !replace(&mut self.reported[number].overrun, true) {
                         self.report(Event::Overrun { receiver: number });
                     }
                 }
                 Taken::Malformed => {
                     self.counts.add_malformed();
-                    self.report(Event::Malformed { receiver: number });
+                    if !replace(&mut self.reported[number].malformed, true) {
+                        self.report(Event::Malformed { receiver: number });
+                    }
                 }
                 Taken::Closed => {}
                 Taken::Poisoned => return Err(Stop::Poisoned),

@@ -52,7 +52,7 @@ pub enum SimError {
     /// A bit rate of zero.
     #[error("a bus has a bit rate of at least 1 bit/s")]
     NoRate,
-    /// A node of this name is there already, or is none.
+    /// The device manager refuses its device: a node of this name is open already, say.
     #[error("the device manager refuses it: {0}")]
     Device(#[from] DeviceError),
 }

@@ -31,9 +31,9 @@ pub(super) struct Status {
     pub(super) received_errors: u32,
     pub(super) state: State,
     pub(super) is_cut: bool,
-    /// Frames of this node that are destroyed yet.
+    /// How many frames of this node are still to be destroyed.
     pub(super) to_corrupt: u32,
-    /// Frames of others that it does not get yet.
+    /// How many frames of others it is still to miss.
     pub(super) to_lose: u32,
     /// Sent at once, in an emergency.
     pub(super) at_once: Vec<Frame>,

@@ -1,8 +1,12 @@
 //! What a controller does between a port and channels.
 
 use crate::common::{Bench, SpawnOk, frame, watchdog};
+use luna::devices::Sharing;
 use luna::prelude::*;
-use luna_can::{Event, ExtendedId, Filter, Frame, StandardId};
+use luna_can::{
+    BusReport, Event, ExtendedId, Filter, Frame, Incoming, OnBusOff, Port, PortError, StandardId,
+    State,
+};
 use std::time::Duration;
 
 #[test]
@@ -122,6 +126,150 @@ fn a_poisoned_channel_ends_a_controller() {
             "{error}"
         );
     }
+}
+
+#[test]
+fn a_poisoned_channel_ends_a_controller_whose_frame_waits_for_the_bus() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let (node, other) = (bench.node("node"), bench.node("other"));
+    let control = bench.control.clone();
+    // No other node acknowledges the frame.
+    control.cut("other");
+    let (end, ended) = std::sync::mpsc::channel();
+    bench.main.process("user").spawn_ok(async move {
+        // The bus has the first, the second waits.
+        node.send.send(frame(1, &[])).await?;
+        node.send.send(frame(2, &[])).await?;
+        luna::after(Duration::from_millis(1)).await;
+        node.send.poison();
+        let limit = Duration::from_secs(1);
+        end.send(node.received.recv_timeout(limit).await).unwrap();
+        control.connect("other");
+        drop((node, other));
+        Ok(())
+    });
+    let error = bench.run().unwrap_err().to_string();
+    assert!(
+        error.contains("`node`") && error.contains("poison"),
+        "{error}"
+    );
+    assert!(!ended.recv().unwrap().unwrap_err().is_timeout());
+}
+
+/// An interface to outside, on which nothing comes.
+struct Outside;
+
+impl Port for Outside {
+    const IS_OUTSIDE: bool = true;
+
+    async fn transmit(&self, _: Frame) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    async fn receive(&self) -> Result<Incoming, PortError> {
+        std::future::pending().await
+    }
+
+    fn listen(&self, _: &[Filter]) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    fn transmit_at_once(&self, _: Frame) -> Result<(), PortError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_bus_outside_of_the_system_does_not_run_on_a_virtual_clock() {
+    let _watch = watchdog();
+    for is_virtual in [false, true] {
+        let mut system = System::new("outside");
+        if is_virtual {
+            system.virtual_clock();
+        }
+        let devices = system.devices();
+        let device = devices.open("port", "port", Sharing::Exclusive, || Ok(Outside));
+        let controller = luna_can::controller(&device.unwrap());
+        let main = system.executor("main").build().unwrap();
+        main.process("can").spawn_ok(controller);
+        let error = system.run().err().map(|error| error.to_string());
+        let is_refused = error.is_some_and(|error| error.contains("virtual clock"));
+        assert_eq!(is_refused, is_virtual);
+    }
+}
+
+/// A bus that reports states, and takes frames when they are asked for.
+struct Slow {
+    states: Receiver<State>,
+    taken: Sender<Frame>,
+}
+
+impl Port for Slow {
+    const IS_OUTSIDE: bool = false;
+
+    async fn transmit(&self, frame: Frame) -> Result<(), PortError> {
+        self.taken.send(frame).await.map_err(|_| PortError::Gone)
+    }
+
+    async fn receive(&self) -> Result<Incoming, PortError> {
+        let state = self.states.recv().await.map_err(|_| PortError::Gone)?;
+        Ok(Incoming::Report(BusReport::new(Some(state), 0, None)))
+    }
+
+    fn listen(&self, _: &[Filter]) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    fn transmit_at_once(&self, _: Frame) -> Result<(), PortError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn what_waits_at_bus_off_is_not_sent_after_it() {
+    let _watch = watchdog();
+    let mut system = System::new("bus-off");
+    system.virtual_clock();
+    let (state, states) = luna::channel();
+    let (taken, sent) = luna::channel();
+    let open = || Ok(Slow { states, taken });
+    let device = system
+        .devices()
+        .open("slow", "port", Sharing::Exclusive, open)
+        .unwrap();
+    let (send, outgoing) = luna::buffered(Buffer::fifo(8));
+    let controller = luna_can::controller(&device)
+        .send(outgoing)
+        .on_bus_off(OnBusOff::Wait);
+    let counts = controller.counts();
+    drop(device);
+    let main = system.executor("main").build().unwrap();
+    main.process("can").spawn_ok(controller);
+    let own = counts.clone();
+    main.process("user").spawn_ok(async move {
+        // One waits in the port, others in the channel, and one comes later.
+        for number in 0..3 {
+            send.send(frame(1, &[number])).await?;
+        }
+        luna::after(Duration::from_millis(1)).await;
+        state.send(State::BusOff).await?;
+        luna::after(Duration::from_millis(1)).await;
+        send.send(frame(1, &[3])).await?;
+        luna::after(Duration::from_millis(1)).await;
+        assert_eq!(own.dropped(), 4);
+        state.send(State::Active).await?;
+        luna::after(Duration::from_millis(1)).await;
+        send.send(frame(1, &[4])).await?;
+        assert_eq!(sent.recv().await?, frame(1, &[4]));
+        // The port lives as long as this.
+        drop(send);
+        luna::after(Duration::from_millis(1)).await;
+        drop((state, sent));
+        Ok(())
+    });
+    system.run().unwrap();
+    assert_eq!((counts.sent(), counts.dropped()), (1, 4));
 }
 
 #[test]

@@ -58,11 +58,12 @@ fn a_controller_and_the_parts_of_canopen_allocate_nothing() {
     let node = NodeId::new(5).unwrap();
     let mut network = Network::new(&device);
     let (value, values) = luna::buffered::<(u16, i32)>(Buffer::fifo(4));
-    network.tpdo(0x185, value);
+    network.tpdo(0x185, value).unwrap();
     let (full, _unread) = luna::buffered::<(u16, i32)>(Buffer::fifo(1));
-    network.tpdo(0x185, full);
+    network.tpdo(0x185, full).unwrap();
     let (target, targets) = luna::channel();
-    main.process("pdo").spawn_ok(network.rpdo(0x185, targets));
+    let producer = network.rpdo(0x185, targets).unwrap();
+    main.process("pdo").spawn_ok(producer);
     let (event, events) = luna::buffered::<NodeEvent>(Buffer::fifo(4));
     let consumer = network.heartbeats(event);
     let limit = Duration::from_secs(60);

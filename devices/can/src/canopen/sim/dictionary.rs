@@ -30,6 +30,13 @@ pub(super) struct Dictionary(BTreeMap<Object, Entry>);
 /// The number of PDOs of each direction.
 pub(super) const PDOS: u16 = 4;
 
+/// In the identifier of a PDO: it is off.
+const OFF: u32 = 1 << 31;
+
+/// In the identifier of a PDO that the node transmits: it is not to be asked for by remote frames,
+/// which this node does not answer.
+const NO_REMOTE: u32 = 1 << 30;
+
 /// A PDO as the dictionary has it.
 pub(super) struct Pdo {
     pub(super) id: u16,
@@ -51,8 +58,12 @@ impl Dictionary {
         for number in 0..PDOS {
             let counted = number as u8 + 1;
             for (base, id) in [(0x1400, node.rpdo(counted)), (0x1800, node.tpdo(counted))] {
-                // Off until it is set up.
-                let id = 1_u32 << 31 | u32::from(id.unwrap_or_default());
+                // Off until it is set up; a TPDO answers no remote frames.
+                let flags = match base {
+                    0x1800 => OFF | NO_REMOTE,
+                    _ => OFF,
+                };
+                let id = flags | u32::from(id.unwrap_or_default());
                 let communication = base + number;
                 own.put(Object::new(communication, 0), &[2], Access::ReadOnly);
                 own.put(
@@ -87,6 +98,14 @@ impl Dictionary {
         }
     }
 
+    /// Sets the objects of the communication profile, 1000h to 1FFFh, to what they begin with.
+    pub(super) fn reset_communication(&mut self, initial: &Dictionary) {
+        let own = Object::new(0x1000, 0)..Object::new(0x2000, 0);
+        for (object, entry) in initial.0.range(own) {
+            self.0.insert(*object, entry.clone());
+        }
+    }
+
     fn missing(&self, object: Object) -> AbortCode {
         match self.0.keys().any(|other| other.index == object.index) {
             true => AbortCode::NO_SUBINDEX,
@@ -115,15 +134,29 @@ impl Dictionary {
     /// As an SDO client writes it.
     pub(super) fn download(&mut self, object: Object, bytes: &[u8]) -> Result<(), AbortCode> {
         self.may_download(object)?;
-        let is_mapping_count =
-            matches!(object.index, 0x1600..0x1604 | 0x1A00..0x1A04) && object.sub == 0;
-        if let (true, [count]) = (is_mapping_count, bytes) {
-            self.check_mapping(object.index, *count)?;
+        match (object.index, object.sub, bytes) {
+            (0x1800..0x1804, 1, [.., flags]) if u32::from(*flags) << 24 & NO_REMOTE == 0 => {
+                return Err(AbortCode::INVALID_VALUE);
+            }
+            // A mapping is changed while its PDO is off.
+            (0x1600..0x1604 | 0x1A00..0x1A04, ..) if self.is_on(object.index - 0x200) => {
+                return Err(AbortCode::UNSUPPORTED_ACCESS);
+            }
+            (0x1600..0x1604 | 0x1A00..0x1A04, 0, [count]) => {
+                self.check_mapping(object.index, *count)?;
+            }
+            _ => {}
         }
         if self.set(object, bytes) {
             return Ok(());
         }
         Err(AbortCode::WRONG_LENGTH)
+    }
+
+    /// How many bytes an object has, if it has the same number always.
+    pub(super) fn fixed_len(&self, object: Object) -> Option<usize> {
+        let entry = self.0.get(&object)?;
+        (!entry.is_variable).then_some(entry.bytes.len())
     }
 
     /// The bytes of an object, whatever its access.
@@ -178,12 +211,16 @@ impl Dictionary {
         }
     }
 
+    fn is_on(&self, communication: u16) -> bool {
+        self.number(Object::new(communication, 1)) & OFF == 0
+    }
+
     /// The PDO with this number, counted from 0, if it is on.
     pub(super) fn pdo(&self, base: u16, number: u16) -> Option<Pdo> {
         let id = self.number(Object::new(base + number, 1));
         let mapping = base + 0x200 + number;
         let count = self.number(Object::new(mapping, 0)) as u8;
-        (id >> 31 == 0).then(|| Pdo {
+        self.is_on(base + number).then(|| Pdo {
             id: (id & 0x7FF) as u16,
             transmission: self.number(Object::new(base + number, 2)) as u8,
             objects: self.mapped(mapping, count.min(8)),

@@ -238,8 +238,14 @@ impl<P: Port> Node<P> {
             NmtCommand::Start => NmtState::Operational,
             NmtCommand::Stop => NmtState::Stopped,
             NmtCommand::EnterPreOperational => NmtState::PreOperational,
-            NmtCommand::ResetNode | NmtCommand::ResetCommunication => {
+            NmtCommand::ResetNode => {
                 lock(&self.shared).dictionary = self.initial.clone();
+                return self.boot(port).await;
+            }
+            NmtCommand::ResetCommunication => {
+                lock(&self.shared)
+                    .dictionary
+                    .reset_communication(&self.initial);
                 return self.boot(port).await;
             }
         };
@@ -302,10 +308,12 @@ impl<P: Port> Node<P> {
         let pdos = (0..PDOS).filter_map(|number| dictionary.pdo(0x1400, number));
         if let Some(pdo) = pdos.into_iter().find(|pdo| pdo.id == id) {
             let mut rest = received.data();
+            // One that is too short is for none of its objects.
+            if pdo.objects.iter().map(|(_, len)| len).sum::<usize>() > rest.len() {
+                return Vec::new();
+            }
             for (object, len) in pdo.objects {
-                let Some((own, later)) = rest.split_at_checked(len) else {
-                    break;
-                };
+                let (own, later) = rest.split_at(len);
                 dictionary.set(object, own);
                 rest = later;
             }

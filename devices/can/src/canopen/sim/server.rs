@@ -1,7 +1,7 @@
 //! The SDO server of a simulated node.
 
 use super::dictionary::Dictionary;
-use crate::canopen::sdo::{Chunk, Request, Response};
+use crate::canopen::sdo::{Chunk, Request, Response, Short};
 use crate::canopen::{AbortCode, Object};
 
 /// A value that comes is no longer.
@@ -56,8 +56,12 @@ impl Transfer {
         match request {
             Request::Expedited { object, data } => {
                 *self = Transfer::None;
+                let bytes = match dictionary.fixed_len(object) {
+                    Some(len) => data.of_len(len),
+                    None => data.bytes(),
+                };
                 dictionary
-                    .download(object, data.bytes())
+                    .download(object, bytes)
                     .map_err(|code| (object, code))?;
                 Ok(Response::Downloaded { object })
             }
@@ -81,7 +85,7 @@ impl Transfer {
                 let bytes = dictionary.upload(object).map_err(|code| (object, code))?;
                 if (1..=4).contains(&bytes.len()) {
                     *self = Transfer::None;
-                    let data = Chunk::new(bytes);
+                    let data = Short::new(bytes);
                     return Ok(Response::Expedited { object, data });
                 }
                 let size = u32::try_from(bytes.len()).ok();

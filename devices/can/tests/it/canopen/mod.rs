@@ -1,5 +1,6 @@
 //! CANopen with simulated nodes.
 
+mod clients;
 mod codings;
 mod nodes;
 mod process_data;

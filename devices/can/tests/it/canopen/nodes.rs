@@ -4,8 +4,10 @@ use super::{id, master, node};
 use crate::common::{Bench, SpawnOk, watchdog};
 use luna::End;
 use luna::prelude::*;
+use luna_can::canopen::sim::Access;
 use luna_can::canopen::{
-    Emergency, Heartbeat, HeartbeatMissed, NmtCommand, NmtState, NodeEvent, NodeId, OnMissed,
+    Emergency, Heartbeat, HeartbeatMissed, NmtCommand, NmtState, NodeEvent, NodeId, Object,
+    OnMissed,
 };
 use luna_can::{Filter, Frame};
 use std::time::Duration;
@@ -51,14 +53,43 @@ fn a_node_is_commanded_and_its_heartbeat_says_so() {
         assert_eq!(events.recv().await?, NodeEvent::BootUp(node));
         assert_eq!(events.recv().await?, state(NmtState::PreOperational));
 
+        // The report before this one came with a heartbeat.
         let begin = luna::now();
         bus.cut("node");
         assert_eq!(events.recv().await?, NodeEvent::Missed(node));
-        assert!((luna::now() - begin) <= LIMIT);
+        assert_eq!(luna::now() - begin, LIMIT);
         luna::after(10 * LIMIT).await;
         assert!(events.try_recv().is_err());
         bus.connect("node");
         assert_eq!(events.recv().await?, state(NmtState::PreOperational));
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
+#[test]
+fn a_reset_of_the_communication_keeps_the_objects_of_the_application() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let (speed, period) = (Object::new(0x60FF, 0), Object::new(0x1017, 0));
+    let control = node(&mut bench, |node| {
+        node.object(speed, 1_i32, Access::ReadWrite)
+    });
+    let mut network = master(&mut bench);
+    let (nmt, mut sdo) = (network.nmt(), network.sdo(id()).unwrap());
+    bench.main.process("master").spawn_ok(network.controller());
+    bench.main.process("user").spawn_ok(async move {
+        for (command, kept) in [
+            (NmtCommand::ResetCommunication, 2),
+            (NmtCommand::ResetNode, 1),
+        ] {
+            sdo.write(speed, 2_i32).await?;
+            sdo.write(period, 50_u16).await?;
+            nmt.command(command, Some(id())).await?;
+            luna::after(Duration::from_millis(10)).await;
+            assert_eq!(control.get::<i32>(speed), Some(kept));
+            assert_eq!(control.get::<u16>(period), Some(0));
+        }
         Ok(())
     });
     bench.run().unwrap();
@@ -79,6 +110,8 @@ fn a_missed_heartbeat_is_an_emergency_if_declared() {
     let bus = bench.control.clone();
     bench.main.process("user").spawn_ok(async move {
         assert_eq!(events.recv().await?, NodeEvent::BootUp(id()));
+        let state = NodeEvent::State(id(), NmtState::PreOperational);
+        assert_eq!(events.recv().await?, state);
         bus.cut("node");
         std::future::pending::<()>().await;
         drop((control, events));
@@ -89,6 +122,115 @@ fn a_missed_heartbeat_is_an_emergency_if_declared() {
     let expected = HeartbeatMissed { node, limit }.to_string();
     assert!(error.contains(&expected), "{error}");
     assert_eq!(bench.system.report().unwrap().end, End::Emergency);
+}
+
+/// The end of a system with these watches of the node, which is cut off after its first heartbeat.
+/// Its reports have no more room than for one, and `is_read` says whether they have a receiver.
+fn end_after_a_cut(
+    watches: &[(NodeId, Duration, OnMissed)],
+    is_read: bool,
+) -> (Option<String>, luna_can::Counts) {
+    let mut bench = Bench::new();
+    let control = node(&mut bench, |node| node.heartbeat(100));
+    let listener = bench.node("listener");
+    let mut network = master(&mut bench);
+    let (event, events) = luna::buffered(Buffer::fifo(1));
+    let mut consumer = network.heartbeats(event);
+    for (node, limit, on_missed) in watches {
+        consumer = consumer.watch(*node, *limit, *on_missed);
+    }
+    let (nmt, counts) = (network.nmt(), network.counts());
+    bench.main.process("heartbeats").spawn_ok(consumer);
+    bench.main.process("master").spawn_ok(network.controller());
+    let bus = bench.control.clone();
+    bench.main.process("user").spawn_ok(async move {
+        let events = is_read.then_some(events);
+        while listener.received.recv().await?.data() != [0x7F] {}
+        bus.cut("node");
+        luna::after(10 * LIMIT).await;
+        drop((control, events, nmt, listener));
+        Ok(())
+    });
+    let end = bench.run().err().map(|error| error.to_string());
+    (end, counts)
+}
+
+#[test]
+fn each_watch_of_a_node_has_its_own_limit() {
+    let _watch = watchdog();
+    let (end, _) = end_after_a_cut(
+        &[
+            (id(), LIMIT, OnMissed::Report),
+            (id(), 2 * LIMIT, OnMissed::Emergency),
+        ],
+        true,
+    );
+    assert!(
+        end.unwrap()
+            .contains("no heartbeat has come from node 5 for 500ms")
+    );
+}
+
+#[test]
+fn a_report_that_has_no_room_does_not_stop_the_supervision() {
+    let _watch = watchdog();
+    // The boot-up takes the only room.
+    let (end, counts) = end_after_a_cut(&[(id(), LIMIT, OnMissed::Emergency)], true);
+    assert!(end.unwrap().contains("no heartbeat has come from node 5"));
+    assert_eq!(counts.unreported(), 2);
+    // So for reports: the state and the missed heartbeat.
+    let (end, counts) = end_after_a_cut(&[(id(), LIMIT, OnMissed::Report)], true);
+    assert_eq!((end, counts.unreported()), (None, 2));
+}
+
+#[test]
+fn an_emergency_watch_needs_no_reader_of_reports() {
+    let _watch = watchdog();
+    let (end, _) = end_after_a_cut(&[(id(), LIMIT, OnMissed::Emergency)], false);
+    assert!(end.unwrap().contains("no heartbeat has come from node 5"));
+    let (end, _) = end_after_a_cut(&[(id(), LIMIT, OnMissed::Report)], false);
+    assert_eq!(end, None);
+    // It ends with all that uses the network.
+    let (end, _) = end_after_a_cut(&[(id(), 20 * LIMIT, OnMissed::Emergency)], false);
+    assert_eq!(end, None);
+}
+
+#[test]
+fn a_boot_up_ends_the_watch_until_the_next_heartbeat() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let stranger = bench.node("stranger");
+    let mut network = master(&mut bench);
+    let (event, events) = luna::buffered(Buffer::fifo(16));
+    let consumer = network
+        .heartbeats(event)
+        .watch(id(), LIMIT, OnMissed::Emergency);
+    bench.main.process("heartbeats").spawn_ok(consumer);
+    bench.main.process("master").spawn_ok(network.controller());
+    bench.main.process("user").spawn_ok(async move {
+        let (node, state) = (id(), NmtState::Operational);
+        let beat = Heartbeat { node, state };
+        let boot_up = Heartbeat {
+            node,
+            state: NmtState::BootUp,
+        };
+        for beat in [boot_up, beat, boot_up] {
+            luna::after(10 * LIMIT * u32::from(beat != boot_up)).await;
+            stranger.send.send(beat.frame()).await?;
+        }
+        for expected in [
+            NodeEvent::BootUp(node),
+            NodeEvent::State(node, state),
+            NodeEvent::BootUp(node),
+        ] {
+            assert_eq!(events.recv().await?, expected);
+        }
+        luna::after(10 * LIMIT).await;
+        assert!(events.try_recv().is_err());
+        drop((events, stranger));
+        Ok(())
+    });
+    bench.run().unwrap();
 }
 
 #[test]

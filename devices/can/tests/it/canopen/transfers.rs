@@ -25,7 +25,7 @@ fn with_node() -> (Bench, luna_can::canopen::sim::NodeControl, SdoClient) {
             .bytes(PROGRAM, &[], Access::ReadWrite)
     });
     let mut network = master(&mut bench);
-    let sdo = network.sdo(id()).timeout(TIMEOUT);
+    let sdo = network.sdo(id()).unwrap().timeout(TIMEOUT);
     bench.main.process("master").spawn_ok(network.controller());
     (bench, control, sdo)
 }
@@ -110,6 +110,7 @@ fn without_an_answer_a_transfer_times_out_and_the_next_is_as_usual() {
     let (mut bench, control, mut sdo) = with_node();
     let bus = bench.control.clone();
     let listener = bench.node("listener");
+    let (go, gone) = luna::channel();
     bench.main.process("user").spawn_ok(async move {
         assert_eq!(sdo.read::<i16>(SPEED).await?, 0);
         bus.cut("node");
@@ -128,19 +129,32 @@ fn without_an_answer_a_transfer_times_out_and_the_next_is_as_usual() {
         bus.connect("node");
         assert_eq!(sdo.read::<i16>(SPEED).await?, 0);
         // An answer that is lost in the middle of a long value.
-        bus.lose("master", 2);
+        go.send(()).await?;
         assert!(matches!(
             sdo.upload(NAME).await,
             Err(SdoError::TimedOut { .. })
         ));
-        bus.lose("master", 0);
-        luna::after(TIMEOUT).await;
-        while sdo.upload(NAME).await.is_err() {}
+        let told = luna::now();
         assert_eq!(sdo.upload(NAME).await?, b"a drive with a long name");
-        drop((control, listener));
+        assert!(luna::now() - told >= TIMEOUT);
+        drop(control);
+        Ok(())
+    });
+    let (bus, lost) = (bench.control.clone(), std::sync::mpsc::channel());
+    bench.main.process("loser").spawn_ok(async move {
+        gone.recv().await?;
+        while listener.received.try_recv().is_ok() {}
+        // The answer to the begin says the size, the next one is a segment: the second is lost.
+        for command in [0x40, 0x41, 0x60, 0x00, 0x70] {
+            let seen = listener.received.recv().await?;
+            lost.0.send(seen.data()[0] == command).unwrap();
+        }
+        bus.lose("master", 1);
+        drop(listener);
         Ok(())
     });
     bench.run().unwrap();
+    assert_eq!(lost.1.try_iter().collect::<Vec<_>>(), [true; 5]);
 }
 
 /// Answers each request of a client with the next of these bytes, and gives the last that it was
@@ -160,7 +174,7 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
     let mut bench = Bench::new();
     let server = bench.node("server");
     let mut network = master(&mut bench);
-    let mut sdo = network.sdo(id()).timeout(TIMEOUT).longest(100);
+    let mut sdo = network.sdo(id()).unwrap().timeout(TIMEOUT).longest(100);
     bench.main.process("master").spawn_ok(network.controller());
     let begin = |size: u8| [0x41, 0x08, 0x10, 0, size, 0, 0, 0];
     let cases: Vec<(Vec<[u8; 8]>, AbortCode)> = vec![
@@ -191,6 +205,14 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
         (
             vec![begin(20), [1, 0, 0, 0, 0, 0, 0, 0]],
             AbortCode::WRONG_LENGTH,
+        ),
+        // Segments without data, which could go on for ever.
+        (
+            vec![
+                [0x40, 0x08, 0x10, 0, 0, 0, 0, 0],
+                [0x0E, 0, 0, 0, 0, 0, 0, 0],
+            ],
+            AbortCode::UNKNOWN_COMMAND,
         ),
         // An answer to another request in the middle.
         (
@@ -242,7 +264,7 @@ proptest! {
         let mut bench = Bench::new();
         let server = bench.node("server");
         let mut network = master(&mut bench);
-        let mut sdo = network.sdo(id()).timeout(TIMEOUT).longest(100);
+        let mut sdo = network.sdo(id()).unwrap().timeout(TIMEOUT).longest(100);
         bench.main.process("master").spawn_ok(network.controller());
         bench.main.process("answers").spawn_ok(async move {
             for answer in answers {

@@ -1,15 +1,18 @@
 //! Interfaces of the kernel: SocketCAN.
 
+mod frames;
+
 use crate::filter::Kind;
-use crate::{BusError, BusReport, Filter, Frame, Incoming, Port, PortError, State};
-use embedded_can::{ExtendedId, StandardId};
+use crate::{BusReport, Filter, Frame, Incoming, Port, PortError};
+use frames::decode;
 use luna::devices::{Device, DeviceError, DeviceManager, Sharing};
 use luna::external::{readable, writable};
 use luna::realtime::off_path;
-use nix::sys::socket::{ControlMessageOwned, MsgFlags, recvmsg};
+use nix::sys::socket::{
+    AddressFamily, ControlMessageOwned, MsgFlags, SockFlag, SockProtocol, SockType, recvmsg, socket,
+};
 use socketcan::SocketOptions;
-use socketcan::errors::{ControllerProblems, ErrorCause};
-use socketcan::{CanAddr, CanErrorFrame, CanFilter, CanFrame, CanSocket, Socket as _};
+use socketcan::{CanAddr, CanFilter, CanFrame, CanSocket, Socket as _};
 use std::io::{self, ErrorKind, IoSliceMut};
 use std::os::fd::{AsFd, AsRawFd};
 use std::sync::{Mutex, PoisonError};
@@ -69,19 +72,20 @@ impl From<OpenError> for luna::Error {
 /// Opens a CAN interface of the kernel, such as `can0`. It has to be up, and has its bit rate from
 /// there: `ip link set can0 up type can bitrate 500000`.
 ///
+/// It receives from [`Port::listen`] on, so from the start of its controller: frames from before
+/// are not received.
+///
 /// # Errors
 ///
 /// An [`OpenError`].
 pub fn open(devices: &DeviceManager, name: &str) -> Result<Device<Socket>, OpenError> {
-    let address = CanAddr::from_iface(name).map_err(|_| OpenError::NoInterface {
-        name: name.to_owned(),
+    let address = CanAddr::from_iface(name).map_err(|error| match error.raw_os_error() {
+        Some(libc::ENODEV) => OpenError::NoInterface {
+            name: name.to_owned(),
+        },
+        _ => failed(name, error),
     })?;
-    let socket = CanSocket::open_addr(&address).map_err(|error| refused(name, error))?;
-    let prepared = socket
-        .set_nonblocking(true)
-        .and_then(|()| socket.set_error_filter_accept_all())
-        .and_then(|()| socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1));
-    prepared.map_err(|error| refused(name, error))?;
+    let socket = bound(address).map_err(|error| refused(name, error))?;
     let device = format!("can:{name}");
     Ok(
         devices.open(&device, "CAN interface", Sharing::Exclusive, || {
@@ -93,16 +97,38 @@ pub fn open(devices: &DeviceManager, name: &str) -> Result<Device<Socket>, OpenE
     )
 }
 
+/// A socket that has no frames yet: those from before its controller runs are not to be taken for
+/// new ones.
+fn bound(address: CanAddr) -> io::Result<CanSocket> {
+    let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
+    let raw = socket(
+        AddressFamily::Can,
+        SockType::Raw,
+        flags,
+        SockProtocol::CanRaw,
+    )?;
+    let socket = CanSocket::from(raw);
+    socket.set_filter_drop_all()?;
+    socket.set_error_filter_drop_all()?;
+    socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
+    socket.as_raw_socket().bind(&address.into())?;
+    Ok(socket)
+}
+
+fn failed(name: &str, error: io::Error) -> OpenError {
+    OpenError::Device(DeviceError::Refused {
+        device: name.to_owned(),
+        error: error.into(),
+    })
+}
+
 fn refused(name: &str, error: io::Error) -> OpenError {
     match error.raw_os_error() {
         Some(libc::EAFNOSUPPORT | libc::EPROTONOSUPPORT) => OpenError::NoCan,
         Some(libc::ENODEV) => OpenError::OtherKind {
             name: name.to_owned(),
         },
-        _ => OpenError::Device(DeviceError::Refused {
-            device: name.to_owned(),
-            error: error.into(),
-        }),
+        _ => failed(name, error),
     }
 }
 
@@ -146,9 +172,7 @@ impl Port for Socket {
                 Ok((count, dropped)) => {
                     let mut kept = self.kept();
                     // Frames of another length are those of CAN FD, which this socket does not get.
-                    kept.next = (count == bytes.len())
-                        .then(|| off_path(|| decode(&bytes)))
-                        .flatten();
+                    kept.next = (count == bytes.len()).then(|| decode(&bytes)).flatten();
                     if let Some(dropped) = dropped {
                         let before = std::mem::replace(&mut kept.dropped, dropped);
                         let lost = dropped.wrapping_sub(before).into();
@@ -167,6 +191,7 @@ impl Port for Socket {
     }
 
     fn listen(&self, filters: &[Filter]) -> Result<(), PortError> {
+        self.socket.set_error_filter_accept_all()?;
         let of_kernel: Option<Vec<CanFilter>> = filters.iter().map(for_kernel).collect();
         let set = match of_kernel {
             Some(filters) => self.socket.set_filters(&filters),
@@ -229,111 +254,10 @@ fn receive_bytes(
     Ok((received.bytes, dropped))
 }
 
-/// The kernel's `struct can_frame`.
-fn decode(bytes: &[u8; 16]) -> Option<Incoming> {
-    let [a, b, c, d, len, _, _, _, data @ ..] = *bytes;
-    let id = u32::from_ne_bytes([a, b, c, d]);
-    let len = usize::from(len).min(8);
-    if id & libc::CAN_ERR_FLAG != 0 {
-        let frame = CanErrorFrame::new_error(id & libc::CAN_ERR_MASK, &data).ok()?;
-        return Some(Incoming::Report(report(&frame)));
-    }
-    let is_remote = id & libc::CAN_RTR_FLAG != 0;
-    let id: embedded_can::Id = match id & libc::CAN_EFF_FLAG {
-        0 => StandardId::new((id & libc::CAN_SFF_MASK) as u16)?.into(),
-        _ => ExtendedId::new(id & libc::CAN_EFF_MASK)?.into(),
-    };
-    let frame = match is_remote {
-        true => Frame::remote(id, len),
-        false => Frame::new(id, &data[..len]),
-    };
-    frame.map(Incoming::Frame)
-}
-
-fn report(frame: &CanErrorFrame) -> BusReport {
-    let mut report = BusReport::default();
-    for cause in socketcan::CanError::from(*frame).causes() {
-        match cause {
-            ErrorCause::Controller(problems) => {
-                let has = |some: ControllerProblems| problems.intersects(some);
-                if has(ControllerProblems::RX_OVERFLOW | ControllerProblems::TX_OVERFLOW) {
-                    report.lost += 1;
-                }
-                let state = if has(ControllerProblems::RX_PASSIVE | ControllerProblems::TX_PASSIVE)
-                {
-                    Some(State::Passive)
-                } else if has(ControllerProblems::RX_WARNING | ControllerProblems::TX_WARNING) {
-                    Some(State::Warning)
-                } else if has(ControllerProblems::ACTIVE) {
-                    Some(State::Active)
-                } else {
-                    None
-                };
-                report.state = report.state.max(state);
-            }
-            ErrorCause::BusOff => report.state = Some(State::BusOff),
-            ErrorCause::Restarted => report.state = Some(State::Active),
-            ErrorCause::NoAck => report.error = Some(BusError::NotAcknowledged),
-            ErrorCause::Protocol { .. } => report.error = Some(BusError::Protocol),
-            ErrorCause::Transceiver { .. } => report.error = Some(BusError::Transceiver),
-            ErrorCause::TransmitTimeout => report.error = Some(BusError::TransmitTimeout),
-            // A frame that has lost arbitration is sent again: no error.
-            ErrorCause::LostArbitration(_) | ErrorCause::Counters { .. } => {}
-            _ => report.error = report.error.or(Some(BusError::Other)),
-        }
-    }
-    report
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
     use std::net::UdpSocket;
-
-    fn kernel(id: u32, data: &[u8]) -> [u8; 16] {
-        let mut bytes = [0; 16];
-        bytes[..4].copy_from_slice(&id.to_ne_bytes());
-        bytes[4] = data.len() as u8;
-        bytes[8..8 + data.len()].copy_from_slice(data);
-        bytes
-    }
-
-    #[test]
-    fn frames_of_the_kernel_are_decoded() {
-        let plain = Frame::standard(0x123, &[1, 2]).unwrap();
-        let decoded = decode(&kernel(0x123, &[1, 2]));
-        assert_eq!(decoded, Some(Incoming::Frame(plain)));
-        let long = Frame::extended(0x1234_5678, &[3]).unwrap();
-        let decoded = decode(&kernel(0x1234_5678 | libc::CAN_EFF_FLAG, &[3]));
-        assert_eq!(decoded, Some(Incoming::Frame(long)));
-        let request = Frame::remote(StandardId::new(5).unwrap(), 4).unwrap();
-        let decoded = decode(&kernel(5 | libc::CAN_RTR_FLAG, &[0; 4]));
-        assert_eq!(decoded, Some(Incoming::Frame(request)));
-    }
-
-    #[test]
-    fn error_frames_of_the_kernel_are_reports() {
-        let decoded = |id: u32, data: [u8; 8]| match decode(&kernel(id | libc::CAN_ERR_FLAG, &data))
-        {
-            Some(Incoming::Report(report)) => report,
-            other => panic!("{other:?}"),
-        };
-        let off = decoded(libc::CAN_ERR_BUSOFF, [0; 8]);
-        assert_eq!(off, BusReport::new(Some(State::BusOff), 0, None));
-        let passive = decoded(
-            libc::CAN_ERR_CRTL | libc::CAN_ERR_CNT,
-            [0, 0x10, 0, 0, 0, 0, 1, 129],
-        );
-        assert_eq!(passive, BusReport::new(Some(State::Passive), 0, None));
-        let alone = decoded(libc::CAN_ERR_ACK, [0; 8]);
-        let error = Some(BusError::NotAcknowledged);
-        assert_eq!(alone, BusReport::new(None, 0, error));
-        let overrun = decoded(libc::CAN_ERR_CRTL, [0, 1, 0, 0, 0, 0, 0, 0]);
-        assert_eq!(overrun, BusReport::new(None, 1, None));
-        let back = decoded(libc::CAN_ERR_RESTARTED, [0; 8]);
-        assert_eq!(back.state, Some(State::Active));
-    }
 
     #[test]
     fn filters_of_the_kernel_tell_both_kinds_apart() {
@@ -348,6 +272,14 @@ mod tests {
             (0x100 | extended, 0xF00 | extended)
         );
         assert!(for_kernel(&Filter::ANY).is_none());
+        // What is no part of an identifier is a flag in the kernel's filters.
+        let all = for_kernel(&Filter::extended(u32::MAX, u32::MAX)).unwrap();
+        let raw: &libc::can_filter = all.as_ref();
+        let expected = libc::CAN_EFF_MASK | extended;
+        assert_eq!((raw.can_id, raw.can_mask), (expected, expected));
+        let all = for_kernel(&Filter::standard(u16::MAX, u16::MAX)).unwrap();
+        let raw: &libc::can_filter = all.as_ref();
+        assert_eq!((raw.can_id, raw.can_mask), (0x7FF, 0x7FF | extended));
     }
 
     /// The kernel counts for all kinds of packets: a UDP socket with a small queue has them too.
@@ -372,21 +304,5 @@ mod tests {
         sender.send(&[0; 4]).unwrap();
         let (count, dropped) = receive_bytes(&receiver, &mut bytes).unwrap();
         assert_eq!((count, dropped), (4, Some(1_000 - received)));
-    }
-
-    proptest! {
-        #[test]
-        fn any_bytes_of_the_kernel_are_decoded(bytes: [u8; 16]) {
-            let _ = decode(&bytes);
-        }
-
-        #[test]
-        fn what_is_sent_is_what_comes(id in 0..0x2000_0000_u32, is_long: bool, data in prop::collection::vec(any::<u8>(), 0..=8)) {
-            let (frame, raw) = match is_long {
-                true => (Frame::extended(id, &data), id | libc::CAN_EFF_FLAG),
-                false => (Frame::standard((id & 0x7FF) as u16, &data), id & 0x7FF),
-            };
-            prop_assert_eq!(decode(&kernel(raw, &data)), frame.map(Incoming::Frame));
-        }
     }
 }
