@@ -22,8 +22,11 @@ fn numbers() -> Vec<u64> {
 #[test]
 fn channels_are_made_and_dropped_by_the_program_and_by_interrupts() {
     for seed in 0..50 {
-        cpu::begin(seed, 3);
+        // What other tests have left is freed, and no interrupt comes yet.
+        cpu::begin(seed, 0);
+        deferred_free::collect();
         let before = numbers().len();
+        cpu::begin(seed, 3);
         let made = Rc::new(Cell::new(0));
         for priority in [1, 2] {
             let (counts, mut kept) = (made.clone(), VecDeque::new());
@@ -55,6 +58,23 @@ fn channels_are_made_and_dropped_by_the_program_and_by_interrupts() {
         deferred_free::collect();
         assert_eq!(numbers().len(), before, "seed {seed}");
     }
+}
+
+#[test]
+fn what_a_process_drops_is_freed_when_it_collects() {
+    cpu::begin(1, 0);
+    deferred_free::collect();
+    let before = numbers().len();
+    let executor = Executor::new();
+    executor.spawn(ProcessSpec::new("process"), move || async move {
+        for _ in 0..100 {
+            drop(channel::<u32>());
+        }
+        assert_eq!(numbers().len(), before + 100);
+        deferred_free::collect();
+        assert_eq!(numbers().len(), before);
+    });
+    executor.run();
 }
 
 #[test]
