@@ -21,10 +21,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 const IDLES_LONG: u32 = 100_000;
 
 #[cfg(not(debug_assertions))]
-compile_error!(
-    "the simulated CPU needs debug assertions: with them alone the kernel meets the CPU at each use \
-     of a context's variables, where threads wait to be the CPU"
-);
+compile_error!("the simulated CPU needs debug assertions: the kernel meets the CPU by them");
 
 /// What an interrupt does, within a context of its own. `false`: it comes no more.
 type Handler = Rc<dyn Fn() -> bool>;
@@ -135,9 +132,8 @@ fn take() {
     // First, since each of the two takes the CPU too.
     if !IS_INSTALLED.swap(true, Relaxed) {
         // SAFETY: one thread at a time is the CPU, each place where the kernel meets the CPU waits
-        // for that, and handlers run within `interrupt`. With debug assertions, which are required
-        // above, each use of a context's variables is such a place. No test has a guard of a lock
-        // that overlaps a critical section in part.
+        // for that, and handlers run within `interrupt`. With debug assertions each use of a context's
+        // variables is such a place. No guard overlaps a critical section in part.
         unsafe { bare::install(&Simulated) };
     }
     if !HAS_BEGUN.replace(true) {
