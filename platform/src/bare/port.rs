@@ -25,7 +25,7 @@ pub trait Port: Sync {
 
     /// Whether the CPU runs an interrupt handler. Builds with debug assertions ask it whenever a
     /// context uses what is its own, to find interrupts that use LUNA outside of
-    /// [`interrupt`](super::interrupt).
+    /// [`interrupt`](super::interrupt). One in the middle of another's `interrupt` is not found.
     fn is_interrupt(&self) -> bool;
 }
 
