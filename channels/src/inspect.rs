@@ -9,7 +9,6 @@ use crate::wait_point::{Ending, Mover, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use alloc::borrow::ToOwned;
 use alloc::boxed::Box;
-use alloc::collections::BTreeMap;
 use alloc::format;
 use alloc::string::String;
 use alloc::string::ToString;
@@ -19,12 +18,13 @@ use core::ptr::NonNull;
 use luna_core::current::User;
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
-#[cfg(not(feature = "std"))]
-use luna_platform::lock::{PiGuard as MutexGuard, PiLock as Mutex};
 use luna_platform::sync::OnceLock;
 use luna_platform::sync::plain::{AtomicBool, AtomicU64, Ordering};
-#[cfg(feature = "std")]
-use std::sync::{Mutex, MutexGuard, PoisonError};
+
+#[cfg_attr(not(feature = "std"), path = "inspect/register_bare.rs")]
+mod register;
+
+pub(crate) use register::{register, unregister};
 
 /// What kind of meeting place it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -147,6 +147,8 @@ pub(crate) struct Identity {
     external: AtomicBool,
     /// Of a barrier: whether a stranger was among the parties that came.
     has_stranger: AtomicBool,
+    #[cfg(not(feature = "std"))]
+    links: register::Links,
 }
 
 /// What depends on the kind of a wait point, and on the type of its values.
@@ -216,6 +218,8 @@ impl Identity {
             name: OnceLock::new(),
             external: AtomicBool::new(false),
             has_stranger: AtomicBool::new(false),
+            #[cfg(not(feature = "std"))]
+            links: register::Links::new(),
         }
     }
 
@@ -257,44 +261,6 @@ impl Identity {
     }
 }
 
-/// A wait point that lives, and stays where it is.
-struct Registered(NonNull<WaitPoint>);
-
-// SAFETY: a wait point is shared by its lock, and registered only while it lives.
-unsafe impl Send for Registered {}
-
-/// All live wait points, by their numbers: in the order in which they were made.
-static WAIT_POINTS: Mutex<BTreeMap<u64, Registered>> = Mutex::new(BTreeMap::new());
-
-fn registered() -> MutexGuard<'static, BTreeMap<u64, Registered>> {
-    #[cfg(feature = "std")]
-    return WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner);
-    #[cfg(not(feature = "std"))]
-    WAIT_POINTS.lock()
-}
-
-/// Registers a wait point. Off the real-time path, as is making one.
-///
-/// # Safety
-///
-/// The wait point stays where it is, and lives until it is unregistered. Its method `stored` can be
-/// called for it, by this pointer, under its lock.
-pub(crate) unsafe fn register(wait_point: NonNull<WaitPoint>) {
-    // A model makes and drops thousands of channels, and their locks belong to one run of it.
-    if !cfg!(loom) {
-        // SAFETY: the wait point lives until it is unregistered, as is demanded here.
-        let id = unsafe { wait_point.as_ref() }.identity.id;
-        registered().insert(id, Registered(wait_point));
-    }
-}
-
-/// Takes a wait point off the register, as it is freed.
-pub(crate) fn unregister(wait_point: &WaitPoint) {
-    if !cfg!(loom) {
-        registered().remove(&wait_point.identity.id);
-    }
-}
-
 /// All channels, barriers and locks of the program that live, in the order in which they were made.
 /// Allocates; O(wait points + waiters).
 ///
@@ -309,11 +275,11 @@ pub(crate) fn unregister(wait_point: &WaitPoint) {
 /// assert_ne!(point.address, 0);
 /// ```
 pub fn wait_points() -> Vec<WaitPointView> {
-    let wait_points = registered();
-    // SAFETY: a registered wait point lives, and unregistering it needs the lock that is held.
-    let views = wait_points.values().map(|one| unsafe { view(one.0) });
-    let mut views: Vec<_> = views.collect();
-    drop(wait_points);
+    // SAFETY: `collect` gives registered wait points, which live until it has returned.
+    let mut views = register::collect(|wait_point| unsafe { view(wait_point) });
+    // An interrupt may have made one between another's making and its registration.
+    #[cfg(not(feature = "std"))]
+    views.sort_unstable_by_key(|view| view.id);
     views.extend(stopped());
     views
 }

@@ -48,6 +48,9 @@ extern crate shuttle as loom;
 
 extern crate alloc;
 
+#[cfg(all(test, not(feature = "std")))]
+compile_error!("the unit tests need `std`: tests without it are in the package `luna-bare`");
+
 mod alternative;
 mod barrier;
 mod buffer;

@@ -2,6 +2,7 @@
 
 use crate::error::SendError;
 use crate::sender::Sender;
+use alloc::boxed::Box;
 use core::pin::Pin;
 use core::task::{Context, Poll, ready};
 use futures_util::sink::{Sink, unfold};

@@ -154,7 +154,15 @@ pub unsafe fn retire(head: NonNull<Retired>) {
 /// Frees all deferred allocations except those in the own lists of other threads. A panic in a drop
 /// is reported by the panic hook, and the remaining allocations are freed all the same. Not for the
 /// real-time path: O(number of deferred allocations).
+#[cfg_attr(
+    not(feature = "std"),
+    doc = "In an interrupt it does nothing: the program is to free."
+)]
 pub fn collect() {
+    #[cfg(not(feature = "std"))]
+    if luna_platform::bare::is_interrupt() {
+        return;
+    }
     let own = OWN.with(|own| {
         own.count.set(0);
         own.first.replace(ptr::null_mut())

@@ -32,6 +32,9 @@ extern crate shuttle as loom;
 
 extern crate alloc;
 
+#[cfg(all(test, not(feature = "std")))]
+compile_error!("the unit tests need `std`: tests without it are in the package `luna-bare`");
+
 pub mod arc_cache;
 pub mod biased_lock;
 #[cfg(feature = "std")]

@@ -39,6 +39,9 @@
 
 extern crate alloc;
 
+#[cfg(all(test, not(feature = "std")))]
+compile_error!("the unit tests need `std`: tests without it are in the package `luna-bare`");
+
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]

@@ -14,8 +14,8 @@
 //! `linux` has policies, priority-inheriting futex locks, absolute futex waits, epoll and memory
 //! locking. `portable` has no real-time policy; asking for one is an error.
 //!
-//! `bare` has what `luna-core` and `luna-channels` need, and nothing else of the list below: see
-//! [`bare`](https://docs.rs/luna-platform).
+//! `bare` has what `luna-core`, `luna-channels` and `luna-executors` need, and nothing else of the
+//! list below. docs/no-std.md of the project describes it.
 //!
 //! What it offers of the system:
 //!
@@ -103,6 +103,12 @@ pub mod usage;
 
 #[cfg(all(loom, not(feature = "std")))]
 compile_error!("the models need the feature `std`");
+
+#[cfg(not(target_has_atomic = "ptr"))]
+compile_error!("LUNA needs a processor with compare-and-swap: Cortex-M3 or later, RISC-V with `A`");
+
+#[cfg(all(test, not(feature = "std")))]
+compile_error!("the unit tests need `std`: tests without it are in the package `luna-bare`");
 
 #[cfg(loom)]
 #[path = "model/mod.rs"]

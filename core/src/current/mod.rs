@@ -397,8 +397,7 @@ pub fn is_abandoned() -> bool {
 }
 
 /// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules
-/// them.
-/// An interrupt always is, so that it defers what it frees.
+/// them. Without `std`, an interrupt always is, so that it defers what it frees.
 #[inline]
 pub fn on_path() -> bool {
     #[cfg(not(feature = "std"))]

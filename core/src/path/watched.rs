@@ -1,9 +1,11 @@
 //! The hooks of a path guard: in builds with `--cfg luna_path_guard`.
 
 use crate::current::{self, ProcessId};
+use alloc::borrow::ToOwned;
 use alloc::collections::BTreeMap;
+use alloc::string::String;
 use luna_platform::lock::PiLock;
-use std::sync::OnceLock;
+use luna_platform::sync::OnceLock;
 
 /// A watcher of the path.
 pub trait Watcher: Sync {

@@ -65,7 +65,8 @@ impl Executor {
 
     /// Runs the processes until all have ended, or until [a stop was
     /// requested](ExecutorHandle::request_stop): those that are left are then cancelled. A program
-    /// whose processes never end stays here.
+    /// whose processes never end stays here. What an interrupt spawns after the last process has
+    /// ended runs too, or is refused: it ends as cancelled.
     ///
     /// # Panics
     ///

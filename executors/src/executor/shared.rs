@@ -186,6 +186,14 @@ impl Shared {
         self.close();
     }
 
+    /// Takes in no more, and returns `true`; `false` if one waits to be taken in.
+    #[cfg(not(feature = "std"))]
+    pub(super) fn close_if_none_waits(&self) -> bool {
+        let mut arrivals = self.arrivals.lock();
+        arrivals.closed = arrivals.waiting.is_empty();
+        arrivals.closed
+    }
+
     /// Takes in no more; those that wait end unstarted.
     pub(crate) fn close(&self) {
         let mut refused = {

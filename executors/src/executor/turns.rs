@@ -185,6 +185,11 @@ pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
     // SAFETY: this is between two polls.
     unsafe { task::end_turns() };
     if shared.serves != Serves::Many && task::count() == 0 {
+        // An interrupt may have spawned a process since the signals were read.
+        #[cfg(not(feature = "std"))]
+        if !shared.close_if_none_waits() {
+            return;
+        }
         return shared.advance(Phase::STOPPING);
     }
     // Flush batched exits and deferred frees before sleeping.

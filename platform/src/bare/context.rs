@@ -8,7 +8,17 @@ use core::sync::atomic::{AtomicUsize, Ordering, compiler_fence};
 
 /// How many interrupts that use LUNA may be under way at once, each in the middle of another. Each
 /// takes about a kilobyte of static memory on a 32-bit chip.
-pub const NESTED_INTERRUPTS: usize = 3;
+///
+/// An interrupt comes in the middle of one of lower priority alone. So it is enough if the handlers
+/// that use LUNA have at most so many priorities. The environment variable `LUNA_NESTED_INTERRUPTS`
+/// sets it when LUNA is compiled, from 1 to 255; it is 3 otherwise.
+pub const NESTED_INTERRUPTS: usize = match option_env!("LUNA_NESTED_INTERRUPTS") {
+    None => 3,
+    Some(text) => match usize::from_str_radix(text, 10) {
+        Ok(number @ 1..=255) => number,
+        _ => panic!("LUNA_NESTED_INTERRUPTS is not a number from 1 to 255"),
+    },
+};
 
 /// The number of contexts: the program, and the interrupts.
 pub const CONTEXTS: usize = NESTED_INTERRUPTS + 1;
@@ -23,8 +33,10 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 ///
 /// In it these may be called: `try_send` and `try_recv` of channels, a `Waker`,
 /// [`EventCount::announce`](crate::event_count::EventCount::announce), and all that reads. What
-/// waits panics there, and what allocates or frees relies on an allocator that may be called from
-/// interrupts.
+/// waits panics there. What allocates or frees relies on an allocator that may be called from
+/// interrupts: that is making a channel, spawning, a send into a buffer that grows, and each drop of
+/// a value that owns memory. Values are dropped there when one displaces another in a buffer, and
+/// when the last receiver goes.
 ///
 /// # Panics
 ///

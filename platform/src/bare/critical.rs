@@ -3,6 +3,12 @@
 //! Sections of the crate `critical-section` end in the reverse order of their begin; guards of
 //! locks end in any order. So the first lock begins the one section, and the last that is left ends
 //! it.
+//!
+//! Guards of locks and the sections of other code must not overlap in part: to leave the last guard
+//! within a section of other code would end that section, and a guard that outlives the section in
+//! which it was made would hold nothing. How a chip says that interrupts are disabled is unknown
+//! here, so this is not checked: the caller of `install` promises it. LUNA's own guards are made and
+//! left within one call.
 
 use core::cell::Cell;
 use critical_section::RestoreState;
@@ -24,8 +30,9 @@ static SECTION: Section = Section {
 /// One more lock is held.
 #[inline]
 pub(super) fn enter() {
-    // SAFETY: it is released below, if it lies within another, or by the `leave` of the last lock:
-    // sections of other code that begin before then end before then.
+    // SAFETY: it is released below, if it lies within another, or by the `leave` of the last lock.
+    // Sections of other code lie wholly within it or around it: the caller of `install` has
+    // promised that.
     let restores = unsafe { critical_section::acquire() };
     let locks = SECTION.locks.get();
     SECTION.locks.set(locks + 1);

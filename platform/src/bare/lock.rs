@@ -10,6 +10,10 @@ use core::ops::{Deref, DerefMut};
 ///
 /// On this backend it is the critical section: no interrupt comes while one is held, so nothing
 /// waits for it and nothing is to be inherited. Several may be held, and are left in any order.
+///
+/// With sections of the crate `critical-section` they nest: a guard that is held when such a section
+/// begins is dropped after its end, and one that is made in a section is dropped in it. Otherwise
+/// the section ends too early. The caller of [`install`](crate::bare::install) promises that.
 pub struct PiLock<T> {
     is_held: Cell<bool>,
     value: UnsafeCell<T>,

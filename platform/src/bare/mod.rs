@@ -17,9 +17,7 @@
 //! A lock ([`lock`]) is the critical section: an interrupt cannot wait for what it has interrupted.
 //! Locks are biased as elsewhere, since the fast paths rely on it; but the owner of a bias enters
 //! by beginning the critical section ([`inside`]). So an interrupt that revokes a bias finds the
-//! owner outside, and waits for nothing. The longest section with interrupts disabled is that of
-//! the longest step under a lock: the copy of one value, or the look at the channels of one
-//! alternative.
+//! owner outside, and waits for nothing. docs/no-std.md lists what runs with interrupts disabled.
 //!
 //! # Allocation and panics
 //!

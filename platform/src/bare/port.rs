@@ -25,7 +25,7 @@ pub trait Port: Sync {
 
     /// Whether the CPU runs an interrupt handler. Builds with debug assertions ask it whenever a
     /// context uses what is its own, to find interrupts that use LUNA outside of
-    /// [`interrupt`](super::interrupt).
+    /// [`interrupt`](super::interrupt). One in the middle of another's `interrupt` is not found.
     fn is_interrupt(&self) -> bool;
 }
 
@@ -52,6 +52,10 @@ static IS_INSTALLED: AtomicBool = AtomicBool::new(false);
 /// - Each interrupt handler calls LUNA within [`interrupt`](super::interrupt) alone.
 /// - No handler that a critical section does not hold back (as that of a non-maskable interrupt)
 ///   calls LUNA.
+/// - Guards of [`PiLock`](crate::lock::PiLock), and of luna-core's biased locks, respect the
+///   sections of the crate `critical-section`: one that is held when such a section begins is held
+///   until after its end, and one that is made in a section is dropped in it. Channels and executors
+///   give no guard to their users, so this concerns programs that use these locks themselves.
 pub unsafe fn install(port: &'static dyn Port) {
     let is_first = critical_section::with(|_| {
         let is_first = !IS_INSTALLED.load(Ordering::Relaxed);

@@ -5,6 +5,10 @@
 //! which SysTick is one each millisecond; it spins through the last millisecond before a deadline.
 //! A port for a product arms a timer of the chip instead, and stops SysTick.
 //!
+//! A pending interrupt counts one millisecond. So nothing holds SysTick's handler back for a whole
+//! one: no section with interrupts disabled, and no handler of its priority or a higher one. The
+//! clock would go back.
+//!
 //! ```ignore
 //! static PORT: SysTickPort = SysTickPort::new(168); // MHz
 //!
@@ -76,8 +80,8 @@ impl SysTickPort {
         unsafe { bare::install(self) };
     }
 
-    /// To be called by the handler of SysTick, first. It is not to have a lower priority than a
-    /// handler that uses LUNA or takes a millisecond.
+    /// To be called by the handler of SysTick, first. Nothing is to hold that back for a
+    /// millisecond: see the module.
     pub fn tick(&self) {
         critical_section::with(|section| {
             let milliseconds = self.milliseconds.borrow(section);
@@ -110,13 +114,14 @@ impl Port for SysTickPort {
             // The caller looks again until then.
             return;
         }
-        // SAFETY: it waits for an event: an interrupt, or `sev`, also one that came before.
-        unsafe { asm!("wfe", options(nomem, nostack, preserves_flags)) };
+        // SAFETY: it waits for an event: an interrupt, or `sev`, also one that came before. Not
+        // `nomem`: what the caller read before is not read later, nor the reverse.
+        unsafe { asm!("wfe", options(nostack, preserves_flags)) };
     }
 
     fn wake(&self) {
-        // SAFETY: it makes an event.
-        unsafe { asm!("sev", options(nomem, nostack, preserves_flags)) };
+        // SAFETY: it makes an event. Not `nomem`: what was written before is written by then.
+        unsafe { asm!("sev", options(nostack, preserves_flags)) };
     }
 
     fn is_interrupt(&self) -> bool {

@@ -20,6 +20,9 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 /// An idle that is not ended by so many interrupts waits for a wake that was lost.
 const IDLES_LONG: u32 = 100_000;
 
+#[cfg(not(debug_assertions))]
+compile_error!("the simulated CPU needs debug assertions: the kernel meets the CPU by them");
+
 /// What an interrupt does, within a context of its own. `false`: it comes no more.
 type Handler = Rc<dyn Fn() -> bool>;
 
@@ -129,7 +132,8 @@ fn take() {
     // First, since each of the two takes the CPU too.
     if !IS_INSTALLED.swap(true, Relaxed) {
         // SAFETY: one thread at a time is the CPU, each place where the kernel meets the CPU waits
-        // for that, and handlers run within `interrupt`.
+        // for that, and handlers run within `interrupt`. With debug assertions each use of a context's
+        // variables is such a place. No guard overlaps a critical section in part.
         unsafe { bare::install(&Simulated) };
     }
     if !HAS_BEGUN.replace(true) {

@@ -34,6 +34,9 @@ pub(crate) unsafe extern "C" fn sys_tick() {
     });
 }
 
+/// Never inlined into its caller, which turns the floating-point unit on: its registers may be saved
+/// at the begin.
+#[inline(never)]
 pub(crate) fn main() {
     // SAFETY: LUNA runs on this core alone, and the one handler calls it within `interrupt`.
     // Nothing else uses SysTick.

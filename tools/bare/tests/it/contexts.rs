@@ -3,7 +3,7 @@
 use luna_bare::cpu;
 use luna_core::deferred_free::{self, Shared};
 use luna_core::park::block_on;
-use luna_executors::Executor;
+use luna_executors::{Executor, ProcessSpec};
 use luna_platform::bare::{self, NESTED_INTERRUPTS};
 use luna_platform::clock::Instant;
 use luna_platform::futex::{Futex, Waited};
@@ -144,10 +144,17 @@ fn what_an_interrupt_drops_is_freed_by_the_program() {
     cpu::begin(1, 0);
     let token = Arc::new(());
     let shared = Shared::new(token.clone());
-    bare::interrupt(|| drop(shared));
+    let executor = Executor::new();
+    let handle = executor.handle().clone();
+    bare::interrupt(move || {
+        drop(shared);
+        deferred_free::collect();
+        handle.spawn(ProcessSpec::new("process"), || async {});
+    });
     assert_eq!(Arc::strong_count(&token), 2);
     deferred_free::collect();
     assert_eq!(Arc::strong_count(&token), 1);
+    drop(executor);
 }
 
 #[test]

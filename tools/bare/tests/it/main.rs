@@ -30,6 +30,7 @@ mod sequential_model;
 #[path = "../../../../channels/tests/it/stream.rs"]
 mod stream;
 
+mod allocation;
 mod contexts;
 mod interrupts;
 #[cfg(target_os = "linux")]

@@ -27,7 +27,7 @@ fn begin(seed: u64) -> luna_channels::Receiver<u32> {
 }
 
 #[test]
-fn each_call_gets_its_reply_and_servers_inherit() {
+fn each_call_gets_its_reply() {
     for seed in 0..200 {
         let interrupts = begin(seed);
         let executor = Executor::new();
@@ -55,6 +55,38 @@ fn each_call_gets_its_reply_and_servers_inherit() {
         });
         executor.run();
     }
+}
+
+#[test]
+fn a_server_inherits_the_level_of_its_client() {
+    cpu::begin(1, 0);
+    let executor = Executor::new();
+    let (client, server) = call_channel::<(), ()>();
+    let order = Arc::new(AtomicU32::new(0));
+    let come = |expected, order: &AtomicU32| {
+        assert_eq!(order.fetch_add(1, Ordering::Relaxed), expected);
+    };
+    let (serves, handle) = (order.clone(), executor.handle().clone());
+    executor.spawn(at(5), move || async move {
+        let call = server.accept().await.unwrap();
+        come(1, &serves);
+        let between = serves.clone();
+        handle.spawn(at(10), move || async move { come(4, &between) });
+        for _ in 0..3 {
+            yield_now().await;
+        }
+        come(2, &serves);
+        call.reply(()).unwrap();
+        // Below the one between them again.
+        yield_now().await;
+        come(5, &serves);
+    });
+    executor.spawn(at(20), move || async move {
+        come(0, &order);
+        client.call(()).await.unwrap();
+        come(3, &order);
+    });
+    executor.run();
 }
 
 #[test]
