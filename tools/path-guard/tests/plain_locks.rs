@@ -32,6 +32,10 @@ const KNOWN: [(&str, &str); 15] = [
         "places enlist when they are made and freed, and reports look",
     ),
     (
+        "channels/src/inspect/register.rs",
+        "places enlist when they are made and freed, and reports look",
+    ),
+    (
         "executors/src/simulation/calls.rs",
         "on a virtual clock nothing is real time",
     ),
