@@ -5,14 +5,12 @@ use crate::recorded::Figures;
 /// How much an operation's instructions may differ from the recorded ones, as a fraction of these.
 const TOLERANCE: f64 = 0.03;
 
-/// From this many atomic instructions on, an operation starts and ends processes. It hands what they
-/// leave to a thread that frees it, and how often depends on when that thread runs.
-const HANDS_OVER: f64 = 4.2;
-
-/// How much its atomic instructions may differ: half of the last recorded digit; or one, if it hands
-/// memory over.
+/// How much its atomic instructions may differ: half of the last recorded digit. An operation that
+/// starts and ends processes hands what they leave to a thread that frees it, and how often depends
+/// on when that thread runs. So its count is no whole number, and may differ by one.
 pub(crate) fn rounding(atomics: f64) -> f64 {
-    if atomics < HANDS_OVER { 0.01 } else { 1.0 }
+    let is_whole = (atomics - atomics.round()).abs() < 0.02;
+    if is_whole { 0.01 } else { 1.0 }
 }
 
 /// The verdict on an operation.
