@@ -184,7 +184,7 @@ fn print_shown(shown: &Shown) {
         format!("{} {value:.3}", name.as_str().unwrap_or_default())
     });
     let mut out = std::io::stdout().lock();
-    // Nobody may read it.
+    // The reader may be gone.
     let _ = writeln!(out, "{:6.1} s  {}", shown.time, values.join("  "));
 }
 

@@ -127,7 +127,7 @@ impl Apart {
 
 impl Drop for Apart {
     fn drop(&mut self) {
-        // It has nothing to end: what it was for is over.
+        // The machine that it served has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -147,12 +147,12 @@ pub(crate) fn system_of_a_part(name: &str, is_child: bool) -> System {
 /// Prints where a part listens.
 pub(crate) fn print_address(part: &str, address: SocketAddr) {
     let mut out = std::io::stdout().lock();
-    // Nobody may read it.
+    // The reader may be gone.
     let _ = writeln!(out, "{part} listens on {address}");
     let _ = out.flush();
 }
 
-/// The run ended before there was anything to find.
+/// The run ended before its machine had a result.
 pub(crate) fn too_early(report: &Report) -> Failure {
     let cause = format!("the run ended before its time: {}", report.end);
     Failure::Luna(Error::other(cause))

@@ -38,14 +38,14 @@ pub enum SdoError {
         /// How long was waited to send one request and for its answer.
         limit: Duration,
     },
-    /// The node answers what was not asked. It is told that the transfer is aborted, and why.
+    /// The node answers what was not asked. The client aborts the transfer with this code.
     #[error("{node} answers {object} against the protocol: {code}")]
     Protocol {
         /// Which node.
         node: NodeId,
         /// Which object.
         object: Object,
-        /// What it is told.
+        /// Why the client aborts.
         code: AbortCode,
     },
     /// The value has another length than its type.
@@ -83,13 +83,13 @@ impl From<SdoError> for Error {
 /// frames.
 ///
 /// After a transfer that timed out or was dropped the node may have taken the value. An answer says
-/// which object it is for, but not which request: so the next transfer begins only after another
-/// [`timeout`](Self::timeout), and answers that come until then are dropped. An answer that is
-/// later still, to a request for the same object, cannot be told apart from a new one: let the
-/// timeout be longer than the node takes.
+/// which object it is for, but not which request. So the next transfer begins only after another
+/// [`timeout`](Self::timeout), and answers that come until then are dropped. An answer that comes
+/// later still, for the same object, looks like a new one. Let the timeout be longer than the node
+/// takes.
 ///
-/// To tell the node of an aborted transfer may take another timeout at most. If the bus takes no
-/// frame until then, the node is not told.
+/// To send the abort of a transfer may take another timeout at most. If the bus takes no frame
+/// until then, the abort is not sent.
 #[derive(Debug)]
 pub struct SdoClient {
     node: NodeId,

@@ -120,7 +120,7 @@ impl HeartbeatConsumer {
         of_node.fold(None, |event, watch| watch.note(beat).or(event))
     }
 
-    /// The one whose time is over first.
+    /// The watch with the earliest deadline.
     fn next(&mut self) -> Option<(Instant, &mut Watch)> {
         let watches = self.watches.iter_mut();
         let timed = watches.filter_map(|watch| Some((watch.deadline?, watch)));

@@ -49,9 +49,9 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
-//! The coding of messages is this crate's own, some 500 lines. `canopen-rs` (0.6) would be the package
-//! for it; but its SDO values end at 32 bytes, it refuses transfers that do not state their size,
-//! does not look which object an answer is for, and names 11 codes of aborted transfers.
+//! The coding of messages is this crate's own, some 500 lines. The package for it would be
+//! `canopen-rs` (0.6). But its SDO values end at 32 bytes, and it refuses transfers that do not
+//! state their size. It does not check which object an answer is for, and names 11 abort codes.
 //! `zencan-common` (0.0.5) has no EMCY messages.
 //!
 //! Not here: block transfers, LSS, TIME, node guarding, EDS files, an object dictionary of this

@@ -178,7 +178,10 @@ mod tests {
     proptest! {
         /// Whatever comes, in whatever order: an answer or none, and no panic.
         #[test]
-        fn any_requests_are_answered(requests in prop::collection::vec(any::<[u8; 8]>(), 0..40), is_near: bool) {
+        fn any_requests_are_answered(
+            requests in prop::collection::vec(any::<[u8; 8]>(), 0..40),
+            is_near: bool,
+        ) {
             let mut dictionary = Dictionary::new(NodeId::new(5).unwrap());
             let mut transfer = Transfer::default();
             for mut request in requests {
