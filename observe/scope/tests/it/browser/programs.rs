@@ -124,6 +124,10 @@ fn several_programs_are_on_one_time_axis() {
         left.event(time, 10, [n, 1000]);
     }
     left.say(1500 * MS, "of the left").send();
+    // The axis begins with the first time that is shown. Each program has a thread of its own that
+    // passes it on, so the right one waits until the left one is shown.
+    browser.open(&scope.url(), LAPTOP, "light");
+    browser.wait("scope.clock.latest > 1.9");
     for n in 0..200 {
         let time = (1005 + 10 * n) * MS;
         right.sample(time, -(n as f64));
@@ -131,8 +135,7 @@ fn several_programs_are_on_one_time_axis() {
         right.event(time, 10, [n, 2000]);
     }
     right.say(1505 * MS, "of the right").send();
-    browser.open(&scope.url(), LAPTOP, "light");
-    browser.wait("scope.clock.latest > 1.9 && scope.model.events.end >= 1190");
+    browser.wait("scope.model.events.end >= 1190");
     assert_eq!(
         browser.run("[...scope.model.signals.values()].map(({ name }) => name).sort()"),
         json!(["left/speed", "right/speed"])
