@@ -381,9 +381,12 @@ fn a_long_poll_is_told_from_one_that_was_off_the_processor() {
         Ok(())
     });
     at("sleeps").spawn_ok(async {
+        let begun = luna::now();
         burn(TOO_LONG);
+        let burnt = luna::now() - begun;
         luna::yield_now().await;
-        std::thread::sleep(3 * TOO_LONG);
+        // Longer than the poll before it, whose thread may have been off the processor too.
+        std::thread::sleep(3 * (TOO_LONG + burnt));
         luna::yield_now().await;
         Ok(())
     });
