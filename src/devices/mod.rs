@@ -9,7 +9,8 @@
 //! gone, which by default is an emergency.
 //!
 //! [`Node`] is for drivers: it opens a device file, and turns the system's refusal into an error
-//! with a remedy.
+//! with a remedy. [`SetPoints`] is the end of a channel that a driver writes from, with the age of its
+//! newest value.
 //!
 //! ```
 //! use luna::devices::{DeviceState, Sharing};
@@ -30,9 +31,11 @@ mod error;
 mod holder;
 mod manager;
 mod node;
+mod set_points;
 
 pub use device::{Device, DeviceState, DeviceView, OnLoss};
 pub use error::{DeviceError, Holder};
 pub(crate) use manager::Devices;
 pub use manager::{DeviceManager, Sharing};
 pub use node::Node;
+pub use set_points::SetPoints;

@@ -35,9 +35,9 @@ pub enum Fault {
         #[source]
         why: Lost,
     },
-    /// The writer of an actuator exists, but sends nothing any more: it hangs.
+    /// The writer of an actuator exists, and has sent nothing for longer than the greatest age.
     #[error(
-        "no set-point for {actuator} has come in {cycles} cycles: its writer hangs; if it is set once, give it no greatest age"
+        "no set-point for {actuator} has come in {cycles} cycles, and its writer has not ended; if it is set once, give it no greatest age"
     )]
     Overdue {
         /// To which.

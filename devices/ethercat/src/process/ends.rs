@@ -1,8 +1,8 @@
 //! The far ends of the channels.
 
-use super::age::SetPoints;
 use crate::value::Field;
 use crate::{Fault, Found, LinkError, Place, Sample};
+use luna::devices::SetPoints;
 use luna::{Instant, Receiver, Sender};
 use std::time::Duration;
 
@@ -75,12 +75,12 @@ impl<T: Field> Output for OutputEnd<T> {
     }
 
     fn set_greatest_age(&mut self, cycles: Option<u32>) {
-        self.points.greatest_age = cycles;
+        self.points.greatest_age(cycles);
     }
 
     fn take(&mut self, is_driving: bool) -> bool {
         self.points.take(is_driving);
-        self.points.has_ended
+        self.points.has_ended()
     }
 
     fn overdue(&self) -> Option<u32> {
@@ -89,7 +89,7 @@ impl<T: Field> Output for OutputEnd<T> {
 
     fn write(&self, to: &mut [u8]) {
         self.points
-            .newest
+            .newest()
             .unwrap_or(self.safe)
             .write(to, self.place.bit);
     }
@@ -99,7 +99,7 @@ impl<T: Field> Output for OutputEnd<T> {
     }
 
     fn poison(&self) {
-        self.points.channel.poison();
+        self.points.poison();
     }
 }
 

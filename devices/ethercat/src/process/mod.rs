@@ -1,6 +1,5 @@
 //! The process that a bus is.
 
-mod age;
 mod cycle;
 mod ends;
 mod failures;

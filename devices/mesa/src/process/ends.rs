@@ -1,8 +1,8 @@
 //! The far ends of the channels.
 
-use super::age::Input;
 use crate::{Actuator, Fault, Health, Reading, Sample};
 use hostmot2::{Layout, Outputs};
+use luna::devices::SetPoints;
 use luna::{Receiver, Sender};
 
 /// What the card measures.
@@ -78,9 +78,9 @@ pub(crate) struct Actuators {
 #[derive(Debug)]
 struct PwmEnd {
     number: usize,
-    duty: Input<f64>,
+    duty: SetPoints<f64>,
     /// Without one it is enabled by a duty.
-    enable: Option<Input<bool>>,
+    enable: Option<SetPoints<bool>>,
 }
 
 #[derive(Debug)]
@@ -88,7 +88,7 @@ struct OutputEnd {
     number: usize,
     pin: u8,
     neutral: bool,
-    level: Input<bool>,
+    level: SetPoints<bool>,
 }
 
 impl Actuators {
@@ -100,8 +100,8 @@ impl Actuators {
     ) {
         self.pwms.push(PwmEnd {
             number,
-            duty: Input::new(duty),
-            enable: enable.map(Input::new),
+            duty: SetPoints::new(duty),
+            enable: enable.map(SetPoints::new),
         });
     }
 
@@ -116,7 +116,7 @@ impl Actuators {
             number,
             pin,
             neutral,
-            level: Input::new(level),
+            level: SetPoints::new(level),
         });
     }
 
@@ -134,31 +134,31 @@ impl Actuators {
     pub(crate) fn set_greatest_age(&mut self, actuator: Actuator, cycles: Option<u32>) -> bool {
         let pwm = |number: u8| move |end: &&mut PwmEnd| end.number == usize::from(number);
         let pwms = &mut self.pwms;
-        let place = match actuator {
+        let set_age = match actuator {
             Actuator::Pwm(number) => {
                 let end = pwms.iter_mut().find(pwm(number));
-                end.map(|end| &mut end.duty.greatest_age)
+                end.map(|end| end.duty.greatest_age(cycles))
             }
             Actuator::Enable(number) => {
                 let end = pwms.iter_mut().find(pwm(number));
                 let enable = end.and_then(|end| end.enable.as_mut());
-                enable.map(|enable| &mut enable.greatest_age)
+                enable.map(|enable| enable.greatest_age(cycles))
             }
             Actuator::Output(pin) => {
                 let end = self.outputs.iter_mut().find(|end| end.pin == pin);
-                end.map(|end| &mut end.level.greatest_age)
+                end.map(|end| end.level.greatest_age(cycles))
             }
         };
-        place.map(|place| *place = cycles).is_some()
+        set_age.is_some()
     }
 
     /// Lets those of all duties and pins be so old; an enable may stay.
     pub(crate) fn set_all_greatest_ages(&mut self, cycles: u32) {
         for end in &mut self.pwms {
-            end.duty.greatest_age = Some(cycles);
+            end.duty.greatest_age(Some(cycles));
         }
         for end in &mut self.outputs {
-            end.level.greatest_age = Some(cycles);
+            end.level.greatest_age(Some(cycles));
         }
     }
 
@@ -168,9 +168,9 @@ impl Actuators {
             let number = end.number as u8;
             let duty = end.duty.overdue();
             let duty = duty.map(|cycles| (Actuator::Pwm(number), cycles));
-            let enable = || end.enable.as_ref().and_then(Input::overdue);
+            let enable = || end.enable.as_ref().and_then(SetPoints::overdue);
             // Without a duty it is off, whatever its enable is.
-            let is_late = || enable().filter(|_| !end.duty.has_ended);
+            let is_late = || enable().filter(|_| !end.duty.has_ended());
             duty.or_else(|| is_late().map(|cycles| (Actuator::Enable(number), cycles)))
         });
         let of_output = |end: &OutputEnd| {
@@ -205,12 +205,12 @@ impl Actuators {
             }
             to.set_duty(end.number, if duty.is_nan() { 0.0 } else { duty });
             to.set_enabled(end.number, is_enabled);
-            have_ended &= end.duty.has_ended;
+            have_ended &= end.duty.has_ended();
         }
         for end in &mut self.outputs {
             let level = end.level.take(is_driving).unwrap_or(end.neutral);
             layout.set_output(to, end.number, level);
-            have_ended &= end.level.has_ended;
+            have_ended &= end.level.has_ended();
         }
         match self.overdue() {
             Some((actuator, cycles)) if !have_ended => Err(Fault::Overdue { actuator, cycles }),
@@ -220,13 +220,13 @@ impl Actuators {
 
     pub(super) fn poison(&self) {
         for end in &self.pwms {
-            end.duty.channel.poison();
+            end.duty.poison();
             if let Some(enable) = &end.enable {
-                enable.channel.poison();
+                enable.poison();
             }
         }
         for end in &self.outputs {
-            end.level.channel.poison();
+            end.level.poison();
         }
     }
 }

@@ -1,6 +1,5 @@
 //! The process that a link is.
 
-mod age;
 mod ends;
 mod exchange;
 mod readings;
