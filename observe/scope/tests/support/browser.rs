@@ -270,7 +270,7 @@ impl Browser {
         let mut held = Value::Null;
         while held != true && begun.elapsed() < LONGEST_WAIT {
             held = self.run(&format!(
-                "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 5000) done(why || 'false'); else setTimeout(look, 30); }}; look(); }})"
+                "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 5000) done(why || 'false'); else setTimeout(look, Math.min(30, (Date.now() - begun) / 8)); }}; look(); }})"
             ));
         }
         if held != true {

@@ -55,7 +55,7 @@ fn settings() -> Settings {
 fn live(name: &str) -> Option<(Browser, Feeder, Scope)> {
     let browser = browser(name)?;
     let scope = Scope::open(settings()).unwrap();
-    let feeder = Feeder::start(&scope, Machine::new());
+    let feeder = Feeder::start_at(&scope, Machine::new(), Duration::from_millis(1600));
     browser.open(&scope.url(), LAPTOP, "light");
     browser.wait("[...scope.model.signals.values()][0].series.end > 1500 && scope.clock.now > 1");
     Some((browser, feeder, scope))
