@@ -1,13 +1,13 @@
 //! The layout in the address.
 
-use super::{LAPTOP, browser, is_content, live, settings};
+use super::{LAPTOP, browser, is_content, settings, still};
 use crate::support::feeder::Feeder;
 use crate::support::machine::{Machine, PERIOD};
 use luna_scope::{Scope, Speed};
 
 #[test]
 fn the_address_restores_the_layout() {
-    let Some((browser, _feeder, scope)) = live("address") else {
+    let Some((browser, scope)) = still("address") else {
         return;
     };
     assert_eq!(
@@ -65,7 +65,7 @@ fn the_address_of_a_paused_plot_stands_where_it_stood() {
     };
     let scope = Scope::open(settings()).unwrap();
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
-    Machine::new().until(3000 * PERIOD, &mut |record| file.put(record).unwrap());
+    Machine::new().until(1500 * PERIOD, &mut |record| file.put(record).unwrap());
     let file = file.finish().unwrap();
     scope.replay(&file[..], Speed::AT_ONCE).unwrap();
     let url = format!("{}#span=0.5&until=1.25", scope.url());

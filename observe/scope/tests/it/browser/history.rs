@@ -24,10 +24,7 @@ fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
     // More is kept of the signals than of the many more events; the rest is an overview.
     let kept = browser.run("[scope.model.samplesFrom, scope.model.eventsFrom]");
     let (samples, events) = (number(&kept[0]), number(&kept[1]));
-    assert!(
-        4.0 < samples && samples < events && events < 8.0,
-        "{kept}"
-    );
+    assert!(4.0 < samples && samples < events && events < 8.0, "{kept}");
     let first = "[...scope.model.signals.values()][0].series.time(0)";
     assert!(
         (number(&browser.run(first)) - samples).abs() < 0.1,
@@ -42,7 +39,9 @@ fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
 
     // The last emergency is marked, and warnings and errors, though there is no more of them.
     browser.wait("scope.model.marks.all.filter(({ kind }) => kind === 'error' || kind === 'emergency').map(({ kind, time }) => kind + time.toFixed(3)).join() === 'error1.501,emergency1.501'");
-    browser.wait("scope.model.messages.map(({ time }) => time.toFixed(1)).join() === '0.7,1.5,3.7,6.7'");
+    browser.wait(
+        "scope.model.messages.map(({ time }) => time.toFixed(1)).join() === '0.7,1.5,3.7,6.7'",
+    );
     // Late cycles are marked from the start on.
     browser.wait("scope.model.marks.all.filter(({ kind }) => kind === 'late').map(({ time }) => Math.round(time * 10) / 10).join() === '0.7,0.7,3.7,3.7,6.7,6.7'");
 
