@@ -57,8 +57,8 @@ fn cell(browser: &Browser, to: &std::path::Path) {
     let speed = luna_scope::Speed::AT_ONCE;
     scope.replay_file(&mut recording, speed).unwrap();
     browser.open(&scope.url(), (1366, 768), "light");
-    browser.wait("scope.clock.latest >= 8");
-    browser.run("scope.show('picture'); scope.clock.pause(4.3)");
+    browser.wait("scope.clock.latest >= 5");
+    browser.run("scope.show('picture'); scope.clock.pause(2.3)");
     browser.frames(10);
     browser.screenshot(to);
 }

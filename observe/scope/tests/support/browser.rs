@@ -1,10 +1,18 @@
 //! A headless Chromium, driven by the crate `chromiumoxide`.
+//!
+//! The tests of a program share one process, as long as any of them uses it: its start takes longer
+//! than most of them. Each has a window with a context of its own, which shares no storage with
+//! others.
 
-use chromiumoxide::cdp::browser_protocol::browser::SetDownloadBehaviorParams;
+use chromiumoxide::cdp::browser_protocol::browser::{BrowserContextId, SetDownloadBehaviorParams};
 use chromiumoxide::cdp::browser_protocol::emulation;
 use chromiumoxide::cdp::browser_protocol::input;
 use chromiumoxide::cdp::browser_protocol::log::{EventEntryAdded, LogEntryLevel};
+use chromiumoxide::cdp::browser_protocol::network;
 use chromiumoxide::cdp::browser_protocol::page::{NavigateParams, ReloadParams};
+use chromiumoxide::cdp::browser_protocol::target::{
+    CreateBrowserContextParams, CreateTargetParams,
+};
 use chromiumoxide::cdp::js_protocol::runtime::{
     ConsoleApiCalledType, EvaluateParams, EventConsoleApiCalled, EventExceptionThrown,
 };
@@ -16,6 +24,8 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 use tokio::runtime::{Builder, Runtime};
 
@@ -27,13 +37,22 @@ const LONGEST_WAIT: Duration = Duration::from_secs(240);
 /// have been read when it is read.
 const MARK: &str = "the complaints end here";
 
+/// A window of the shared Chromium.
 pub struct Browser {
-    /// Runs the connection to the browser, in a thread of its own.
-    runtime: Runtime,
-    chromium: chromiumoxide::Browser,
     page: Page,
+    context: BrowserContextId,
     heard: RefCell<Heard>,
+    /// For files; it goes with the window.
     pub folder: PathBuf,
+    chromium: Arc<Chromium>,
+}
+
+/// The process. It ends with the last of its windows.
+struct Chromium {
+    /// Runs the connection to it, in a thread of its own.
+    runtime: Runtime,
+    process: chromiumoxide::Browser,
+    folder: PathBuf,
 }
 
 /// What the page complains by.
@@ -59,11 +78,20 @@ pub fn program() -> Option<PathBuf> {
     named.into_iter().chain(found).find(|path| path.is_file())
 }
 
-impl Browser {
-    /// Starts it, with an empty page.
-    pub fn start(program: &Path, name: &str) -> Browser {
-        let folder = std::env::temp_dir().join(format!("luna-scope-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
+impl Chromium {
+    /// The one that runs, or a new one.
+    fn shared(program: &Path) -> Arc<Chromium> {
+        static RUNNING: Mutex<Weak<Chromium>> = Mutex::new(Weak::new());
+        let mut running = RUNNING.lock().unwrap_or_else(PoisonError::into_inner);
+        running.upgrade().unwrap_or_else(|| {
+            let chromium = Arc::new(Chromium::start(program));
+            *running = Arc::downgrade(&chromium);
+            chromium
+        })
+    }
+
+    fn start(program: &Path) -> Chromium {
+        let folder = new_folder("chromium");
         let config = BrowserConfig::builder()
             .chrome_executable(program)
             .new_headless_mode()
@@ -82,10 +110,53 @@ impl Browser {
             .enable_all()
             .build()
             .unwrap();
-        let (chromium, page, heard) = runtime.block_on(async {
-            let (chromium, mut connection) = chromiumoxide::Browser::launch(config).await.unwrap();
+        let process = runtime.block_on(async {
+            let (process, mut connection) = chromiumoxide::Browser::launch(config).await.unwrap();
             tokio::spawn(async move { while connection.next().await.is_some() {} });
-            let page = chromium.new_page("about:blank").await.unwrap();
+            process
+        });
+        Chromium {
+            runtime,
+            process,
+            folder,
+        }
+    }
+}
+
+impl Drop for Chromium {
+    fn drop(&mut self) {
+        let _ = self.runtime.block_on(self.process.kill());
+        // Its helpers end a moment after it, and write until then.
+        for _ in 0..100 {
+            if std::fs::remove_dir_all(&self.folder).is_ok() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+/// A folder for temporary files, which no other call has given.
+fn new_folder(name: &str) -> PathBuf {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let (process, count) = (std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let folder = std::env::temp_dir().join(format!("luna-scope-{process}-{count}-{name}"));
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+impl Browser {
+    /// Opens a window with an empty page.
+    pub fn start(program: &Path, name: &str) -> Browser {
+        let chromium = Chromium::shared(program);
+        let (context, page, heard) = chromium.runtime.block_on(async {
+            let process = &chromium.process;
+            let context = CreateBrowserContextParams::default();
+            let context = process.create_browser_context(context).await.unwrap();
+            let mut window = CreateTargetParams::new("about:blank");
+            window.browser_context_id = Some(context.clone());
+            window.new_window = Some(true);
+            let page = process.new_page(window).await.unwrap();
             let heard = Heard {
                 thrown: page.event_listener().await.unwrap(),
                 console: page.event_listener().await.unwrap(),
@@ -93,22 +164,27 @@ impl Browser {
             };
             page.enable_runtime().await.unwrap();
             page.enable_log().await.unwrap();
-            (chromium, page, RefCell::new(heard))
+            (context, page, RefCell::new(heard))
         });
-        Browser {
-            runtime,
-            chromium,
+        let browser = Browser {
             page,
+            context,
             heard,
-            folder,
-        }
+            folder: new_folder(name),
+            chromium,
+        };
+        // Otherwise each message of a WebSocket is reported with all that it holds.
+        browser.call::<network::DisableParams>(json!({}));
+        // It has the keys, whichever window has the focus.
+        browser.call::<emulation::SetFocusEmulationEnabledParams>(json!({"enabled": true}));
+        browser
     }
 
     /// Calls a method of the protocol. Only the parameters that differ from its defaults are given.
     fn call<C: Command + DeserializeOwned>(&self, params: Value) -> C::Response {
         let command: C = serde_json::from_value(params).unwrap();
         let method = command.identifier();
-        let answer = self.runtime.block_on(self.page.execute(command));
+        let answer = self.chromium.runtime.block_on(self.page.execute(command));
         answer
             .unwrap_or_else(|error| panic!("{method}: {error}"))
             .result
@@ -120,7 +196,11 @@ impl Browser {
         let heard = &mut *self.heard.borrow_mut();
         let mut complaints = Vec::new();
         loop {
-            let called = self.runtime.block_on(heard.console.next()).unwrap();
+            let called = self
+                .chromium
+                .runtime
+                .block_on(heard.console.next())
+                .unwrap();
             let text: Vec<_> = called.args.iter().map(|arg| arg.value.clone()).collect();
             if text == [Some(Value::from(MARK))] {
                 break;
@@ -190,7 +270,7 @@ impl Browser {
         let mut held = Value::Null;
         while held != true && begun.elapsed() < LONGEST_WAIT {
             held = self.run(&format!(
-                "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 5000) done(why || 'false'); else setTimeout(look, 30); }}; look(); }})"
+                "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 5000) done(why || 'false'); else setTimeout(look, Math.min(30, (Date.now() - begun) / 8)); }}; look(); }})"
             ));
         }
         if held != true {
@@ -262,27 +342,23 @@ impl Browser {
 
     pub fn screenshot(&self, to: &Path) {
         let shot = self.page.screenshot(ScreenshotParams::default());
-        let picture = self.runtime.block_on(shot).unwrap();
+        let picture = self.chromium.runtime.block_on(shot).unwrap();
         std::fs::write(to, picture).unwrap();
     }
 
     pub fn downloads_to(&self, folder: &Path) {
         std::fs::create_dir_all(folder).unwrap();
         self.call::<SetDownloadBehaviorParams>(
-            json!({"behavior": "allow", "downloadPath": folder}),
+            json!({"behavior": "allow", "downloadPath": folder, "browserContextId": self.context}),
         );
     }
 }
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        let _ = self.runtime.block_on(self.chromium.kill());
-        // Its helpers end a moment after it, and write until then.
-        for _ in 0..100 {
-            if std::fs::remove_dir_all(&self.folder).is_ok() {
-                break;
-            }
-            std::thread::sleep(std::time::Duration::from_millis(10));
-        }
+        let process = &self.chromium.process;
+        let closed = process.dispose_browser_context(self.context.clone());
+        let _ = self.chromium.runtime.block_on(closed);
+        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }

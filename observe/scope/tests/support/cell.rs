@@ -6,22 +6,21 @@ use luna_production_cell::{Breakage, Drill, Plan, Settings, Unit, deploy};
 use std::path::Path;
 use std::time::Duration;
 
-/// The fault comes at 4 s and is repaired at 6 s.
+/// The fault comes at 2 s and is repaired at 3.5 s.
 pub fn record(to: &Path, fault: (Unit, Breakage)) {
     let (unit, fault) = fault;
-    let seconds = Duration::from_secs;
     let mut system = System::new("production cell");
     system.virtual_clock();
     system.log(Logging::to_file(to));
     let drill = Drill {
         unit,
         fault,
-        at: seconds(4),
-        lasts: seconds(2),
+        at: Duration::from_secs(2),
+        lasts: Duration::from_millis(1500),
     };
     let settings = Settings {
         plan: Plan {
-            time: seconds(8),
+            time: Duration::from_secs(5),
             exchange: None,
             drills: vec![drill],
         },

@@ -15,7 +15,12 @@ pub struct Feeder {
 
 impl Feeder {
     /// Feeds until it is dropped.
-    pub fn start(scope: &Scope, mut machine: Machine) -> Feeder {
+    pub fn start(scope: &Scope, machine: Machine) -> Feeder {
+        Feeder::start_at(scope, machine, Duration::ZERO)
+    }
+
+    /// Gives so much of the recording at once, and goes on from there.
+    pub fn start_at(scope: &Scope, mut machine: Machine, at: Duration) -> Feeder {
         let mut sink = scope.sink().unwrap();
         let (end, ended) = channel();
         let thread = std::thread::spawn(move || {
@@ -24,7 +29,7 @@ impl Feeder {
             let mut refused = 0;
             sink.begin(&Encoder::head()).unwrap();
             while ended.recv_timeout(Duration::from_millis(10)) == Err(RecvTimeoutError::Timeout) {
-                let now = begun.elapsed().as_nanos() as u64;
+                let now = (at + begun.elapsed()).as_nanos() as u64;
                 machine.until(now, &mut |record| {
                     encoder.put(record);
                     if encoder.is_full() {

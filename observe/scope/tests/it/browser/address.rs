@@ -1,13 +1,13 @@
 //! The layout in the address.
 
-use super::{LAPTOP, browser, is_content, live, settings};
+use super::{LAPTOP, browser, is_content, settings, still};
 use crate::support::feeder::Feeder;
 use crate::support::machine::{Machine, PERIOD};
 use luna_scope::{Scope, Speed};
 
 #[test]
 fn the_address_restores_the_layout() {
-    let Some((browser, _feeder, scope)) = live("address") else {
+    let Some((browser, scope)) = still("address") else {
         return;
     };
     assert_eq!(
@@ -65,7 +65,7 @@ fn the_address_of_a_paused_plot_stands_where_it_stood() {
     };
     let scope = Scope::open(settings()).unwrap();
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
-    Machine::new().until(3000 * PERIOD, &mut |record| file.put(record).unwrap());
+    Machine::new().until(1500 * PERIOD, &mut |record| file.put(record).unwrap());
     let file = file.finish().unwrap();
     scope.replay(&file[..], Speed::AT_ONCE).unwrap();
     let url = format!("{}#span=0.5&until=1.25", scope.url());
@@ -83,23 +83,23 @@ fn the_address_waits_for_what_the_scope_has_and_for_nothing_else() {
     };
     let scope = Scope::open(settings()).unwrap();
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
-    Machine::new().until(12_000 * PERIOD, &mut |record| file.put(record).unwrap());
+    Machine::new().until(3000 * PERIOD, &mut |record| file.put(record).unwrap());
     let file = file.finish().unwrap();
     scope.replay(&file[..], Speed::AT_ONCE).unwrap();
-    let url = format!("{}#span=0.5&until=11.5", scope.url());
+    let url = format!("{}#span=0.5&until=2.75", scope.url());
     browser.open(&url, LAPTOP, "light");
-    browser.wait("!scope.clock.live && scope.views.signals.window().join() === '11,11.5'");
+    browser.wait("!scope.clock.live && scope.views.signals.window().join() === '2.25,2.75'");
     is_content(&browser);
     drop(scope);
 
     // A run that goes on is followed, also when it comes to that instant later.
     let scope = Scope::open(settings()).unwrap();
-    let url = format!("{}#span=0.5&until=3", scope.url());
+    let url = format!("{}#span=0.5&until=1", scope.url());
     browser.navigate("about:blank");
     browser.open(&url, LAPTOP, "light");
     browser.wait("scope.connection.state === 'open'");
     let _feeder = Feeder::start(&scope, Machine::new());
-    browser.wait("scope.clock.latest > 3.3");
+    browser.wait("scope.clock.latest > 1.3");
     browser.frames(3);
     assert_eq!(browser.run("scope.clock.live"), true);
     browser.wait("location.hash === '#span=0.5'");

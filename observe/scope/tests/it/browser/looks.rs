@@ -1,7 +1,7 @@
 //! What the page looks like in windows of each size, and whether it can be used without eyes or a
 //! mouse.
 
-use super::{LAPTOP, is_content, live, number, picture};
+use super::{LAPTOP, is_content, number, picture, still};
 use serde_json::Value;
 
 const TABLET: (u32, u32) = (820, 1180);
@@ -32,7 +32,7 @@ const CUT: &str = "(() => {
 
 #[test]
 fn it_fits_in_light_and_dark_on_laptop_tablet_and_phone() {
-    let Some((browser, _feeder, _scope)) = live("sizes") else {
+    let Some((browser, _scope)) = still("sizes") else {
         return;
     };
     for theme in ["light", "dark"] {
@@ -80,7 +80,7 @@ fn axe_finds_nothing_serious() {
         eprintln!("skipped: axe: LUNA_AXE does not name axe.min.js (npm: axe-core)");
         return;
     };
-    let Some((browser, _feeder, _scope)) = live("axe") else {
+    let Some((browser, _scope)) = still("axe") else {
         return;
     };
     let axe = std::fs::read_to_string(axe).unwrap();

@@ -20,12 +20,14 @@ mod seek;
 mod views;
 
 use crate::support;
-use luna_scope::{Scope, Settings};
+use luna_logger::format::Writer;
+use luna_scope::{Scope, Settings, Speed};
 use serde_json::Value;
+use std::sync::LazyLock;
 use std::time::Duration;
 use support::browser::{Browser, program};
 use support::feeder::Feeder;
-use support::machine::Machine;
+use support::machine::{Machine, PERIOD};
 
 const LAPTOP: (u32, u32) = (1366, 768);
 
@@ -55,10 +57,26 @@ fn settings() -> Settings {
 fn live(name: &str) -> Option<(Browser, Feeder, Scope)> {
     let browser = browser(name)?;
     let scope = Scope::open(settings()).unwrap();
-    let feeder = Feeder::start(&scope, Machine::new());
+    let feeder = Feeder::start_at(&scope, Machine::new(), Duration::from_millis(1600));
     browser.open(&scope.url(), LAPTOP, "light");
     browser.wait("[...scope.model.signals.values()][0].series.end > 1500 && scope.clock.now > 1");
     Some((browser, feeder, scope))
+}
+
+/// A scope that has played the start of that machine's recording, and a browser that shows it: for
+/// what does not need more to come.
+fn still(name: &str) -> Option<(Browser, Scope)> {
+    static RECORDING: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let mut file = Writer::new(Vec::new()).unwrap();
+        Machine::new().until(1600 * PERIOD, &mut |record| file.put(record).unwrap());
+        file.finish().unwrap()
+    });
+    let browser = browser(name)?;
+    let scope = Scope::open(settings()).unwrap();
+    scope.replay(&RECORDING[..], Speed::AT_ONCE).unwrap();
+    browser.open(&scope.url(), LAPTOP, "light");
+    browser.wait("[...scope.model.signals.values()][0].series.end > 1500 && scope.clock.now > 1.5");
+    Some((browser, scope))
 }
 
 fn number(value: &Value) -> f64 {

@@ -1,6 +1,6 @@
 //! What a paused page takes in, and which keys pause.
 
-use super::{LAPTOP, browser, is_content, live, settings};
+use super::{LAPTOP, browser, is_content, settings, still};
 use crate::support::machine::{Machine, PERIOD};
 use luna_scope::{Scope, Speed};
 
@@ -39,7 +39,7 @@ fn a_paused_page_that_connects_again_has_the_status_when_it_follows() {
 /// Space pauses wherever the focus is, except where it is text.
 #[test]
 fn space_pauses_on_checkboxes_and_selects_too() {
-    let Some((browser, _feeder, _scope)) = live("space") else {
+    let Some((browser, _scope)) = still("space") else {
         return;
     };
     let checkbox = "#signal-list input[type=checkbox]";

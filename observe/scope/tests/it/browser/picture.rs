@@ -236,7 +236,7 @@ fn the_production_cell_is_seen_with_its_blocks_and_faults() {
     browser.open(&scope.url(), LAPTOP, "light");
     browser.wait("!document.querySelector('#tab-picture').hidden");
     browser.click("#tab-picture");
-    browser.wait("scope.clock.latest >= 8");
+    browser.wait("scope.clock.latest >= 5");
 
     // Of each unit: its state, and its blocks.
     let units = "(() => { const found = {}; for (const panel of document.querySelectorAll('#picture svg > g[transform]')) { const [name, state, position, , ...blocks] = [...panel.querySelectorAll('text')]; found[name.textContent] = [state.textContent, blocks.filter(({ parentNode }) => parentNode.getAttribute('display') !== 'none').map((one) => one.textContent).join()]; } return found; })()";
@@ -258,13 +258,13 @@ fn the_production_cell_is_seen_with_its_blocks_and_faults() {
     picture(&browser, "cell");
 
     // They move round, and each is in one place.
-    show(&browser, 3.9);
+    show(&browser, 1.9);
     let later = browser.run(units);
     assert_eq!(blocks(&later), "1,2,3,4,5");
     assert_ne!(later, found);
 
     // The feeder is dead: nothing is heard of it, the belt behind it halts, the door ahead opens.
-    show(&browser, 5.9);
+    show(&browser, 3.4);
     let dead = browser.run(units);
     assert_eq!(dead["feeder"][0], "silent");
     assert_eq!(dead["feeder belt"][0], "halted");

@@ -1,6 +1,6 @@
 //! The plot: time, trigger, cursors, export.
 
-use super::{PICTURE, is_content, live, number, picture};
+use super::{PICTURE, is_content, live, number, picture, still};
 
 #[test]
 fn plots_move_pause_pan_and_zoom() {
@@ -97,7 +97,7 @@ fn cursors_show_values_and_differences() {
 
 #[test]
 fn what_is_shown_can_be_exported() {
-    let Some((browser, _feeder, _scope)) = live("export") else {
+    let Some((browser, _scope)) = still("export") else {
         return;
     };
     let folder = browser.folder.join("downloads");
@@ -139,7 +139,7 @@ fn what_is_shown_can_be_exported() {
 
 #[test]
 fn statistics_are_those_of_the_visible_samples() {
-    let Some((browser, _feeder, _scope)) = live("statistics") else {
+    let Some((browser, _scope)) = still("statistics") else {
         return;
     };
     browser.run("scope.views.signals.span = 0.7");
@@ -168,7 +168,7 @@ fn statistics_are_those_of_the_visible_samples() {
 
 #[test]
 fn one_signal_is_drawn_over_another() {
-    let Some((browser, _feeder, _scope)) = live("xy") else {
+    let Some((browser, _scope)) = still("xy") else {
         return;
     };
     browser.click("[data-layout=xy]");
