@@ -1,5 +1,6 @@
 //! The command as its users meet it: what it prints, where, and its exit code.
 
+use crate::is_long;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
@@ -157,7 +158,8 @@ fn demo_prints_text() {
 
 #[test]
 fn two_runs_on_a_virtual_clock_print_the_same_bytes() {
-    let run = || luna(&["demo", "--virtual", "--seconds", "12", "--json"]).stdout;
+    let seconds = if is_long() { "12" } else { "4" };
+    let run = || luna(&["demo", "--virtual", "--seconds", seconds, "--json"]).stdout;
     let first = run();
     let demo: Value = serde_json::from_slice(&first).expect("one JSON object and nothing else");
     assert_eq!(demo["complete"], true);
@@ -369,7 +371,7 @@ fn demo_records_a_run_in_real_time_and_replays_it() {
     assert_eq!(record["lost"], 0, "{record}");
     let events = record["events"].as_u64().expect("events");
     assert!(events > 400, "{record}");
-    for _ in 0..3 {
+    for _ in 0..if is_long() { 3 } else { 1 } {
         let replayed = json(&["demo", "--replay", path, "--json"]);
         assert_eq!(replayed["same"], true, "{replayed}");
         assert_eq!(replayed["whole"], true, "{replayed}");

@@ -59,16 +59,21 @@ fn tulip_walks_exchanges_its_controllers_and_allocates_nothing() {
 /// program is there: the gaze is nowhere near that of a head that sees nothing, and the robot walks.
 #[test]
 fn vision_and_the_operator_may_be_programs_of_their_own() {
-    let (blind, _) = run_really("head --seconds 2 --policy other --vision 127.0.0.1:9");
-    let (head, _) = run_really("head --seconds 2 --policy other --deploy programs");
-    let [blind, sees] = [&blind, &head].map(|run| run["gaze_rms"].as_f64().expect("long enough"));
-    assert!(sees < blind / 2.0, "{sees}, blind {blind}");
-    assert_eq!(head["deployment"], "programs");
-    let (alone, _) = run_really("tulip --seconds 4 --policy other --operator 127.0.0.1:9");
-    assert_eq!(alone["steps"], 0, "{alone}");
-    let (tulip, _) = run_really("tulip --seconds 8 --policy other --deploy programs");
-    assert!(tulip["steps"].as_u64() >= Some(1), "{tulip}");
-    assert!(tulip["exchanges_asked"].as_u64() >= Some(1), "{tulip}");
+    let run = |arguments: &str| run_really(&format!("{arguments} --policy other")).0;
+    std::thread::scope(|scope| {
+        let tulip = scope.spawn(|| run("tulip --seconds 8 --deploy programs"));
+        let blind = run("head --seconds 2 --vision 127.0.0.1:9");
+        let head = run("head --seconds 2 --deploy programs");
+        let [blind, sees] = [&blind, &head].map(|run| run["gaze_rms"].as_f64());
+        let [blind, sees] = [blind, sees].map(|rms| rms.expect("long enough"));
+        assert!(sees < blind / 2.0, "{sees}, blind {blind}");
+        assert_eq!(head["deployment"], "programs");
+        let alone = run("tulip --seconds 4 --operator 127.0.0.1:9");
+        assert_eq!(alone["steps"], 0, "{alone}");
+        let tulip = tulip.join().expect("an assertion of the thread, above");
+        assert!(tulip["steps"].as_u64() >= Some(1), "{tulip}");
+        assert!(tulip["exchanges_asked"].as_u64() >= Some(1), "{tulip}");
+    });
 }
 
 #[test]

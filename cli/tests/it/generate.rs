@@ -1,6 +1,7 @@
 //! `luna model generate`: what it makes of a model compiles, runs, and is kept where it is written
 //! by hand.
 
+use crate::is_long;
 use crate::package::{folder, lock, run_cargo, text, workspace};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -134,12 +135,11 @@ fn each_statement_compiles_and_runs() {
 /// Bodies that no person writes. With LUNA_LONG=1 a hundred of them, else two.
 #[test]
 fn random_models_compile_without_a_warning() {
-    let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
     let seed = std::env::var("LUNA_SEED")
         .ok()
         .and_then(|seed| seed.parse().ok());
     let seed: u64 = seed.unwrap_or(20_261_121);
-    for number in 0..if is_long { 100 } else { 2 } {
+    for number in 0..if is_long() { 100 } else { 2 } {
         let model = random::model(&mut random::Random(seed.wrapping_add(number)));
         println!("LUNA_SEED={}\n{model}", seed.wrapping_add(number));
         let folder = folder("random");

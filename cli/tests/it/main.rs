@@ -22,7 +22,10 @@ mod model_traces;
 mod model_tutorial;
 #[cfg(target_os = "linux")]
 mod new;
-#[cfg(target_os = "linux")]
+#[cfg_attr(
+    not(target_os = "linux"),
+    allow(dead_code, reason = "most of its users are tests of Linux")
+)]
 mod package;
 #[cfg(target_os = "linux")]
 mod production_cell;
@@ -37,3 +40,8 @@ mod schedule_recorded;
 mod scope;
 mod trace;
 mod verdict;
+
+/// Whether the tests are to be longer: LUNA_LONG=1.
+fn is_long() -> bool {
+    std::env::var("LUNA_LONG").is_ok_and(|long| long == "1")
+}

@@ -127,45 +127,78 @@ fn record(package: &Path, seconds: &str, virtual_ms: Option<&str>, recording: &P
     run.output().expect("cargo starts")
 }
 
+fn runs_as_a_trace_of_its_model(name: &str) {
+    let one = EXAMPLES.iter().find(|one| one.name == name);
+    let one = one.expect("an example");
+    let model = example(&format!("{name}.toml"));
+    let package = folder(&format!("traced-{name}"));
+    generate(&model, &package);
+    fs::write(package.join("src/main.rs"), MAIN).unwrap();
+    build(&package);
+
+    // On a busy machine nothing may have happened in this time, or events may be lost: then
+    // there is no verdict. A rejection would be wrong.
+    let recording = package.join("real.luna");
+    let (seconds, code) = one.real;
+    let output = record(&package, seconds, None, &recording);
+    let printed = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(code), "{name}: {printed}");
+    let (code, said) = traced(path(&model), &recording, &[]);
+    assert_ne!(code, Some(1), "{name}: {said}");
+
+    let recording = package.join("virtual.luna");
+    let (time, end) = one.on_virtual;
+    let output = record(&package, "60", Some(time), &recording);
+    let printed = format!("{}{}", text(&output.stdout), text(&output.stderr));
+    assert!(printed.contains(end), "{name}: {printed}");
+    let (code, said) = traced(path(&model), &recording, &["--ends"]);
+    assert_eq!(code, Some(0), "{name}: {said}");
+
+    let doubled = package.join("doubled.luna");
+    with_one_too_many(&recording, &doubled);
+    let (code, said) = traced(path(&model), &doubled, &[]);
+    assert_eq!(code, Some(1), "{name}: {said}");
+
+    let (from, to) = one.change;
+    let text = fs::read_to_string(&model).unwrap();
+    assert!(text.contains(from), "{name}");
+    let changed = package.join("changed.toml");
+    fs::write(&changed, text.replace(from, to)).unwrap();
+    let (code, said) = traced(path(&changed), &recording, &[]);
+    assert_eq!(code, Some(1), "{name}: {said}");
+}
+
 #[test]
-fn each_example_runs_as_a_trace_of_its_model() {
-    for one in &EXAMPLES {
-        let name = one.name;
-        let model = example(&format!("{name}.toml"));
-        let package = folder(&format!("traced-{name}"));
-        generate(&model, &package);
-        fs::write(package.join("src/main.rs"), MAIN).unwrap();
-        build(&package);
+fn philosophers_run_as_a_trace_of_their_model() {
+    runs_as_a_trace_of_its_model("philosophers");
+}
 
-        // On a busy machine nothing may have happened in this time, or events may be lost: then
-        // there is no verdict. A rejection would be wrong.
-        let recording = package.join("real.luna");
-        let (seconds, code) = one.real;
-        let output = record(&package, seconds, None, &recording);
-        let printed = text(&output.stdout);
-        assert_eq!(output.status.code(), Some(code), "{name}: {printed}");
-        let (code, said) = traced(path(&model), &recording, &[]);
-        assert_ne!(code, Some(1), "{name}: {said}");
+#[test]
+fn repaired_philosophers_run_as_a_trace_of_their_model() {
+    runs_as_a_trace_of_its_model("philosophers-repaired");
+}
 
-        let recording = package.join("virtual.luna");
-        let (time, end) = one.on_virtual;
-        let output = record(&package, "60", Some(time), &recording);
-        let printed = format!("{}{}", text(&output.stdout), text(&output.stderr));
-        assert!(printed.contains(end), "{name}: {printed}");
-        let (code, said) = traced(path(&model), &recording, &["--ends"]);
-        assert_eq!(code, Some(0), "{name}: {said}");
+#[test]
+fn commstime_runs_as_a_trace_of_its_model() {
+    runs_as_a_trace_of_its_model("commstime");
+}
 
-        let doubled = package.join("doubled.luna");
-        with_one_too_many(&recording, &doubled);
-        let (code, said) = traced(path(&model), &doubled, &[]);
-        assert_eq!(code, Some(1), "{name}: {said}");
+#[test]
+fn the_sorting_pump_runs_as_a_trace_of_its_model() {
+    runs_as_a_trace_of_its_model("sorting-pump");
+}
 
-        let (from, to) = one.change;
-        let text = fs::read_to_string(&model).unwrap();
-        assert!(text.contains(from), "{name}");
-        let changed = package.join("changed.toml");
-        fs::write(&changed, text.replace(from, to)).unwrap();
-        let (code, said) = traced(path(&changed), &recording, &[]);
-        assert_eq!(code, Some(1), "{name}: {said}");
-    }
+#[test]
+fn the_sieve_runs_as_a_trace_of_its_model() {
+    runs_as_a_trace_of_its_model("sieve");
+}
+
+#[test]
+fn jiwy_runs_as_a_trace_of_its_model() {
+    runs_as_a_trace_of_its_model("jiwy");
+}
+
+#[test]
+fn the_production_cell_runs_as_a_trace_of_its_model() {
+    runs_as_a_trace_of_its_model("production-cell");
 }

@@ -1,5 +1,6 @@
 //! The tutorial of models, run as it is written.
 
+use crate::package;
 use std::env;
 use std::fmt::Write;
 use std::fs;
@@ -72,20 +73,17 @@ fn script(blocks: &[Block]) -> String {
 #[test]
 fn the_tutorial_of_models_does_what_it_says() {
     let blocks = blocks();
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("tutorial");
-    let _ = fs::remove_dir_all(&folder);
+    let folder = package::folder("tutorial");
     fs::create_dir_all(&folder).unwrap();
     let luna = Path::new(env!("CARGO_BIN_EXE_luna")).parent().unwrap();
     let path = env::var("PATH").unwrap();
-    let output = Command::new("bash")
+    let mut shell = Command::new("bash");
+    package::with_target(&mut shell, &folder);
+    let output = shell
         .args(["-c", &script(&blocks)])
         .current_dir(&folder)
         .env("PATH", format!("{}:{path}", luna.display()))
         .env("CARGO_NET_OFFLINE", "true")
-        .env(
-            "CARGO_TARGET_DIR",
-            Path::new(env!("CARGO_TARGET_TMPDIR")).join("generated-target"),
-        )
         .output()
         .unwrap();
     let printed = String::from_utf8_lossy(&output.stdout);

@@ -36,7 +36,7 @@ fn stops(run: &Value) -> Vec<(&str, bool)> {
 
 #[test]
 fn it_prints_json_on_a_virtual_clock() {
-    let run = good("--deploy executor --seconds 10 --virtual");
+    let run = good("--deploy executor --seconds 6 --virtual");
     assert_eq!(run["deployment"], "executor");
     assert!(run["blocks"].as_u64() >= Some(4), "{run}");
     assert_eq!(run["units"].as_array().map(Vec::len), Some(6));
@@ -104,7 +104,7 @@ fn a_fault_is_drawn_and_stops_those_that_depend_on_the_unit() {
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("cell.svg");
     let picture = path.display();
     let run = good(&format!(
-        "--virtual --seconds 8 --fault stuck-feeder --picture {picture}"
+        "--virtual --seconds 6 --fault stuck-feeder --picture {picture}"
     ));
     let stopped: Vec<_> = stops(&run)
         .into_iter()

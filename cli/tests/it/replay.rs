@@ -2,6 +2,7 @@
 //! depart.
 
 use crate::generate::{build, example, generate, random};
+use crate::is_long;
 use crate::package::{folder, run_cargo, text};
 use luna_model::{FindingKind, Model};
 use std::env;
@@ -236,12 +237,11 @@ fn has_twins(model: &str) -> bool {
 /// does not drive.
 #[test]
 fn random_programs_deadlock_as_their_models() {
-    let is_long = env::var("LUNA_LONG").is_ok_and(|long| long == "1");
     let seed = env::var("LUNA_SEED")
         .ok()
         .and_then(|seed| seed.parse().ok());
     let mut seed: u64 = seed.unwrap_or(20_261_127);
-    let mut left = if is_long { 40 } else { 1 };
+    let mut left = if is_long() { 40 } else { 1 };
     while left > 0 {
         seed = seed.wrapping_add(1);
         let random = random::model(&mut random::Random(seed));

@@ -29,16 +29,16 @@ pub(crate) fn check(network: &Network) -> Result<SpinCheck, SpinError> {
         incomplete: Vec::new(),
     };
     let safety = Verifier::make(&promela, agents, false)?;
-    let kinds = [
-        (&["-E"][..], FindingKind::Assertion),
-        (&[], FindingKind::Deadlock),
-    ];
-    for (options, kind) in kinds {
-        let verdict = safety.verify(options)?;
-        if !found.add(network, &promela, verdict, kind, "deadlocks and assertions") {
-            break;
-        }
-    }
+    // One run finds either. After a deadlock, another looks for assertions alone.
+    let (verdict, kind) = match safety.verify(&[])? {
+        found if found.is_assertion() => (found, FindingKind::Assertion),
+        found @ Verdict::Fails { .. } => match safety.verify(&["-E"])? {
+            broken @ Verdict::Fails { .. } => (broken, FindingKind::Assertion),
+            _ => (found, FindingKind::Deadlock),
+        },
+        other => (other, FindingKind::Deadlock),
+    };
+    found.add(network, &promela, verdict, kind, "deadlocks and assertions");
     if network.ltl.is_empty() {
         return Ok(found);
     }
@@ -63,7 +63,6 @@ pub(crate) fn check(network: &Network) -> Result<SpinCheck, SpinError> {
 }
 
 impl SpinCheck {
-    /// Whether nothing was found.
     fn add(
         &mut self,
         network: &Network,
@@ -71,9 +70,9 @@ impl SpinCheck {
         verdict: Verdict,
         kind: FindingKind,
         title: &str,
-    ) -> bool {
+    ) {
         match verdict {
-            Verdict::Holds => return true,
+            Verdict::Holds => {}
             Verdict::Incomplete => self.incomplete.push(title.to_owned()),
             Verdict::Fails { reason, trail } => self.findings.push(Finding {
                 kind,
@@ -83,6 +82,5 @@ impl SpinCheck {
                 replay: None,
             }),
         }
-        false
     }
 }

@@ -5,9 +5,10 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
+const ASSERTION: &str = "assertion violated";
 /// What an error of the model is called.
 const REASONS: [&str; 5] = [
-    "assertion violated",
+    ASSERTION,
     "invalid end state",
     "acceptance cycle",
     "end state in claim",
@@ -19,8 +20,9 @@ const MAX_AGENTS: usize = 255;
 /// Models with at most so many processes and branches are small.
 const SMALL: usize = 32;
 /// The deepest way that is followed, in steps, and the size of the table of states, as a power of
-/// 2. Most models are small; the others are tried once more.
-const SIZES: [[&str; 2]; 2] = [["-m100000", "-w18"], ["-m5000000", "-w24"]];
+/// 2. Most models are small; the others are tried once more. Properties have longer ways.
+const SIZES: [[&str; 2]; 2] = [["-m100000", "-w20"], ["-m5000000", "-w24"]];
+const SIZES_OF_CLAIMS: [[&str; 2]; 2] = [["-m1000000", "-w20"], SIZES[1]];
 const TOO_SHALLOW: &str = "max search depth too small";
 /// The verifier gives up after so many minutes, or with so many MB.
 const MINUTES: &str = "-Q5";
@@ -69,10 +71,18 @@ pub(crate) enum Verdict {
     Incomplete,
 }
 
+impl Verdict {
+    /// Whether an assertion is broken.
+    pub(crate) fn is_assertion(&self) -> bool {
+        matches!(self, Self::Fails { reason, .. } if reason.contains(ASSERTION))
+    }
+}
+
 /// A verifier that is ready to run.
 #[derive(Debug)]
 pub(crate) struct Verifier {
     folder: TempDir,
+    sizes: [[&'static str; 2]; 2],
 }
 
 const FILE: &str = "model.pml";
@@ -91,15 +101,20 @@ impl Verifier {
         let folder = folder.map_err(io(&std::env::temp_dir()))?;
         let file = folder.path().join(FILE);
         std::fs::write(&file, &promela.text).map_err(io(&file))?;
-        let made = Self { folder };
+        let sizes = if claims { SIZES_OF_CLAIMS } else { SIZES };
+        let made = Self { folder, sizes };
         made.run("spin", "spin", &["-a", FILE])?;
         let fair = format!("-DNFAIR={}", agents.div_ceil(8) + 3);
         let kind: &[&str] = match claims {
             true => &["-DNOREDUCE", &fair],
             false => &["-DSAFETY", "-DNOCLAIM"],
         };
-        // For small models the compiler takes longer than the verifier.
-        let optimized = if agents > SMALL { "-O2" } else { "-O0" };
+        // For deadlocks of small models the compiler takes longer than the verifier.
+        let optimized = match (agents > SMALL, claims) {
+            (true, _) => "-O2",
+            (false, true) => "-O1",
+            (false, false) => "-O0",
+        };
         let mut arguments = vec!["-w", optimized, MEMORY, "-o", "pan", "pan.c"];
         arguments.extend(kind);
         made.run("cc", "gcc", &arguments)?;
@@ -109,7 +124,7 @@ impl Verifier {
     /// Runs the verifier with these options.
     pub(crate) fn verify(&self, options: &[&str]) -> Result<Verdict, SpinError> {
         let mut text = String::new();
-        for size in SIZES {
+        for size in self.sizes {
             let pan = self.folder.path().join("pan");
             let mut command = Command::new(pan);
             command.args(size).arg(MINUTES).args(options);

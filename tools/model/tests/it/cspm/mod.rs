@@ -114,7 +114,7 @@ fn exported_examples_have_the_verdicts_of_the_exploration() {
 #[test]
 fn exported_random_networks_have_the_verdicts_of_the_exploration() {
     let first = seed();
-    let networks = if is_long() { 5000 } else { 200 };
+    let networks = if is_long() { 5000 } else { 100 };
     let mut verdicts = BTreeMap::new();
     let mut properties = [0_u64; 2];
     for seed in (0..networks).map(|number| first.wrapping_add(number)) {
