@@ -55,7 +55,7 @@ mod linux {
         if std::env::args().any(|argument| argument == "--list") {
             return;
         }
-        for (name, test) in [
+        let tests = [
             ("killed at random instants", killed as fn(&Path)),
             ("an orderly end", orderly),
             (
@@ -64,12 +64,20 @@ mod linux {
             ),
             ("a guardian that is lost", lost),
             ("guardians that do not start", not_started),
-        ] {
-            let machine = std::env::temp_dir().join(format!("luna-machine-{}", std::process::id()));
-            test(&machine);
-            let _ = fs::remove_file(&machine);
-            println!("test {name} ... ok");
-        }
+        ];
+        // Side by side, each with a machine of its own: a guardian reacts within seconds, and is
+        // waited for.
+        std::thread::scope(|scope| {
+            for (number, (name, test)) in tests.into_iter().enumerate() {
+                scope.spawn(move || {
+                    let machine = format!("luna-machine-{}-{number}", std::process::id());
+                    let machine = std::env::temp_dir().join(machine);
+                    test(&machine);
+                    let _ = fs::remove_file(&machine);
+                    println!("test {name} ... ok");
+                });
+            }
+        });
     }
 
     fn system() -> System {

@@ -8,7 +8,7 @@ mod log;
 mod spawn;
 mod temp_file;
 
-pub(crate) use crate::shared::{Random, Watchdog, say, seed, skip, watchdog};
+pub(crate) use crate::shared::{Random, Watchdog, is_long, sample, say, seed, skip, watchdog};
 pub(crate) use log::Log;
 use luna::error::SetupError;
 use luna::inspect::Deadlock;

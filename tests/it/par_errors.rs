@@ -2,11 +2,9 @@
 //! executor and on two.
 
 use crate::common;
-use common::{SpawnOk, watchdog};
+use common::{SpawnOk, is_long, watchdog};
 use luna::prelude::*;
 use luna::{Error, Receiver, Result, Sender, par_for};
-
-const RUNS: usize = 200;
 
 /// Ends when its partner does; what it says then is what its channel says.
 async fn feed(to: &Sender<u32>) -> Result<()> {
@@ -90,8 +88,9 @@ fn a_failing_network_ends_with_the_same_error_each_time() {
         "process `branches`: 4 errors in a parallel construct: \
          branch 1: {poisoned}; branches 2.1 to 2.2: {poisoned}; branch 3: {poisoned}"
     );
+    let runs = if is_long() { 200 } else { 60 };
     for executors in [1, 2] {
-        for _ in 0..RUNS {
+        for _ in 0..runs {
             assert_eq!(run(executors), expected, "on {executors}");
         }
     }

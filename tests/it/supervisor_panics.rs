@@ -187,8 +187,9 @@ fn panics_beside_one_that_computes(is_virtual: bool) {
 #[test]
 fn an_executor_that_does_not_end_is_left_behind_in_a_panic() {
     let _watch = watchdog();
-    for part in ["computing", "computing on virtual time"] {
-        let ended = common::Program::start(part).end();
+    let parts = ["computing", "computing on virtual time"];
+    for program in parts.map(|part| common::Program::start(part)) {
+        let ended = program.end();
         let lines = ["brakes", "returned", "alive"];
         assert_eq!(ended.said(&lines), lines, "{ended:?}");
         assert!(

@@ -1,7 +1,7 @@
 //! Emergencies at random instants of a system's start, run and end, of every kind, several at once.
 //! Each function runs once if there was an emergency, never twice, and never without one.
 //!
-//! LUNA_EMERGENCIES sets how many; the default is 300. LUNA_SEED repeats a run, as far as the
+//! LUNA_EMERGENCIES sets how many; the default is 150. LUNA_SEED repeats a run, as far as the
 //! machine allows. Crashes are injected into programs of their own, one for each hundred of the
 //! others.
 
@@ -40,7 +40,7 @@ const KINDS: [Kind; 6] = [
 
 fn emergencies() -> u64 {
     let asked = std::env::var("LUNA_EMERGENCIES").ok();
-    asked.and_then(|asked| asked.parse().ok()).unwrap_or(300)
+    asked.and_then(|asked| asked.parse().ok()).unwrap_or(150)
 }
 
 fn micros(random: &mut Random, most: u64) -> Duration {

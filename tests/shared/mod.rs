@@ -83,6 +83,21 @@ pub(crate) fn seed_or_else(other: impl FnOnce() -> u64) -> u64 {
     seed
 }
 
+/// Whether `LUNA_LONG=1` asks for all that a test can try.
+pub(crate) fn is_long() -> bool {
+    std::env::var("LUNA_LONG").is_ok_and(|long| long == "1")
+}
+
+/// Each `every`th of these, from a place that the [seed] says; all of them if the test [is
+/// long](is_long).
+pub(crate) fn sample<T>(all: impl IntoIterator<Item = T>, every: usize) -> impl Iterator<Item = T> {
+    let (first, every) = match is_long() {
+        true => (0, 1),
+        false => (Random::seeded().below(every), every),
+    };
+    all.into_iter().skip(first).step_by(every)
+}
+
 /// Numbers that look random: SplitMix64.
 #[derive(Clone)]
 pub(crate) struct Random(u64);

@@ -1,7 +1,7 @@
 //! What can still be woken is no deadlock.
 
 use super::*;
-use crate::common::SpawnOk;
+use crate::common::{SpawnOk, is_long};
 
 /// Runs a strict system with a process that waits for a value that another sends late. The run must
 /// end well.
@@ -227,7 +227,8 @@ impl Process for Link {
 #[test]
 fn what_those_hold_that_are_not_reaped_yet_is_no_deadlock() {
     let _watchdog = watchdog();
-    for _ in 0..300 {
+    let rounds = if is_long() { 300 } else { 120 };
+    for _ in 0..rounds {
         let mut system = strict("chain");
         let (first, mut before) = luna::channel();
         let executors = ["one", "other"].map(|name| system.executor(name).build().unwrap());

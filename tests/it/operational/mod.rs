@@ -6,22 +6,17 @@
 //! 0 of seed `s + i`.
 
 mod cases;
-mod check;
 mod choose;
-mod generate;
 mod job;
-mod model;
 mod mutants;
-mod network;
 mod operate;
 mod play;
 mod run;
-mod simulate;
-mod states;
 mod tally;
 
 use check::{End, Fate, check, fate};
 use generate::Random;
+pub(crate) use luna_operational::{check, generate, network, simulate};
 use run::{Bench, Placement};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, OnceLock};
@@ -89,7 +84,7 @@ fn the_model_agrees_with_itself() {
         if let Err(refusal) = check(&network, &trace, end) {
             panic!("LUNA_SEED={seed} LUNA_NETWORKS=1\n{network}{trace:?}\n{end:?}: {refusal}");
         }
-        let fate = fate(&network, MAX_STATES);
+        let fate = fate_of(seed, &network);
         *fates.entry(fate).or_default() += 1;
         assert_foretold(fate, end, seed, &network);
     }

@@ -17,7 +17,7 @@ mod stage;
 mod two_wakers;
 mod watch;
 
-use common::{COMPLETE, Program, has_real_time, say, seed, skip, watchdog};
+use common::{COMPLETE, Program, has_real_time, is_long, say, seed, skip, watchdog};
 use kernel::spoilt;
 use luna_platform::thread::{Policy, available_cores};
 use scenes::{Scene, controls};
@@ -30,10 +30,7 @@ use watch::{Verdict, Watch, abort};
 
 /// How often the high side operates in a scene.
 fn rounds() -> u32 {
-    match std::env::var("LUNA_LONG").as_deref() {
-        Ok("1") => 10_000,
-        _ => 250,
-    }
+    if is_long() { 10_000 } else { 100 }
 }
 
 /// One of these tests at a time, on one core, so that the machine has another one left.

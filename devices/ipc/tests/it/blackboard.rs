@@ -1,7 +1,7 @@
 //! Blackboards.
 
 use crate::child::Program;
-use crate::shared::watchdog;
+use crate::shared::{is_long, watchdog};
 use crate::{Block, block, channel_name, files};
 use luna_ipc::{Blackboard, IpcError, WriterState};
 use std::path::Path;
@@ -89,6 +89,7 @@ fn keys_and_types_are_checked() {
 #[test]
 fn no_value_is_torn_and_none_goes_back() {
     let _watchdog = watchdog();
+    let values = if is_long() { 20_000 } else { 3_000 };
     let name = channel_name("board-torn");
     let board = Blackboard::new(&name).entry::<Large>("large", [0; WORDS]);
     let mut writer = board.write().unwrap();
@@ -103,7 +104,7 @@ fn no_value_is_torn_and_none_goes_back() {
             let (entry, seen) = (entry.unwrap(), seen.clone());
             std::thread::spawn(move || {
                 let mut last = 0;
-                while last < 20_000 {
+                while last < values {
                     // A reader that was kept from its core tries again.
                     let Ok(reading) = entry.get() else { continue };
                     let first = reading.value[0];

@@ -2,7 +2,7 @@
 
 use crate::child::{Program, read_log};
 use crate::kill_tasks::PAIRS;
-use crate::shared::{Random, watchdog};
+use crate::shared::{Random, is_long, watchdog};
 use crate::{channel_name, files, policies};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -33,7 +33,7 @@ fn kills_at_random_instants() {
 }
 
 fn kill_at_random_instants(tasks: [&str; 2]) {
-    let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
+    let is_long = is_long();
     // The watchdog allows five minutes, less than a long run.
     let _watchdog = (!is_long).then(watchdog);
     let kills = if is_long { 1000 } else { 20 };

@@ -1,6 +1,7 @@
 //! Faults: the neighbours that depend on the unit stop before anything collides, and no others.
 //! After the repair the line goes on, without a lost or doubled block.
 
+use crate::shared::sample;
 use crate::{ms, run, settings};
 use luna_production_cell::messages::Condition::{self, Faulty, Halted, Lost, Safe};
 use luna_production_cell::{Breakage, Drill, Outcome, Settings, Unit, picture};
@@ -89,21 +90,39 @@ fn the_robot_fails() {
     drills_of(Unit::Robot);
 }
 
-/// The instants include those at which the belt brings a block to the feeder. The same with
-/// neighbours that do not heed it shows that there is something to prevent.
+/// The belt brings a block to the feeder then.
+const BLOCK_COMES: u64 = 1900;
+
+/// A feeder that dies, and what would have run into it has done so by the end.
+fn feeder_dies(at: u64) -> Settings {
+    let mut settings = drill(Unit::Feeder, Breakage::Kill, at);
+    settings.plan.time -= ms(1000);
+    settings
+}
+
+fn is_not_run_into(at: u64) {
+    let outcome = run(feeder_dies(at));
+    assert!(outcome.is_good(), "{at}: {outcome:#?}");
+}
+
+/// The same with neighbours that do not heed it shows that there is something to prevent.
+#[test]
+fn a_feeder_that_dies_when_a_block_comes_is_not_run_into() {
+    is_not_run_into(BLOCK_COMES);
+    let mut settings = feeder_dies(BLOCK_COMES);
+    settings.heeds_neighbours = false;
+    assert!(run(settings).collisions > 0);
+}
+
+/// A part of the instants; with `LUNA_LONG=1` all of them. Those next to a block's coming are
+/// always among them.
 #[test]
 fn a_feeder_that_dies_at_any_instant_of_its_cycle_is_not_run_into() {
-    let mut unheeded = 0;
-    for at in (1200..2400).step_by(100) {
-        let mut settings = drill(Unit::Feeder, Breakage::Kill, at);
-        let outcome = run(settings.clone());
-        assert!(outcome.is_good(), "{at}: {outcome:#?}");
-        if unheeded == 0 {
-            settings.heeds_neighbours = false;
-            unheeded = run(settings).collisions;
-        }
-    }
-    assert!(unheeded > 0);
+    is_not_run_into(BLOCK_COMES - 100);
+    is_not_run_into(BLOCK_COMES + 100);
+    let others = (1200..2400_u64).step_by(100);
+    let others = others.filter(|at| at.abs_diff(BLOCK_COMES) > 100);
+    sample(others, 4).for_each(is_not_run_into);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use luna_production_cell::{Settings, Unit};
 
 #[test]
 fn blocks_go_round_and_none_is_lost() {
-    let outcome = run(settings(20, None));
+    let outcome = run(settings(14, None));
     assert!(outcome.is_good() && outcome.blocks >= 8, "{outcome:?}");
     // All of them have passed all units.
     for unit in &outcome.units {

@@ -4,6 +4,9 @@
 
 mod drills;
 mod line;
+#[path = "../../../../tests/shared/mod.rs"]
+#[macro_use]
+mod shared;
 
 use luna::prelude::*;
 use luna_production_cell::{Drill, Outcome, Plan, Settings, deploy};

@@ -1,12 +1,12 @@
 //! Traces made by the model itself: what a runtime might show that does exactly as it says.
 
-use crate::operational::check::End;
-use crate::operational::generate::Random;
-use crate::operational::model::State;
-use crate::operational::network::{Entry, Event, Network};
+use crate::check::End;
+use crate::generate::Random;
+use crate::model::State;
+use crate::network::{Entry, Event, Network};
 
 /// One run along a random path.
-pub(crate) fn simulate(network: &Network, random: &mut Random) -> (Vec<Entry>, End) {
+pub fn simulate(network: &Network, random: &mut Random) -> (Vec<Entry>, End) {
     let mut state = State::initial(network);
     let mut trace = Vec::new();
     let mut next = Vec::new();

@@ -6,14 +6,14 @@
 //! called. The check carries all states that the network may be in after each entry. If none is
 //! left, no run shows the trace.
 
-use crate::operational::model::State;
-use crate::operational::network::{Entry, Event, Network};
-use crate::operational::states::States;
+use crate::model::State;
+use crate::network::{Entry, Event, Network};
+use crate::states::States;
 use std::fmt;
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum End {
+pub enum End {
     /// All processes have ended.
     Complete,
     /// Nothing happens any more, and some process waits.
@@ -21,9 +21,9 @@ pub(crate) enum End {
 }
 
 /// No run of the network shows the trace.
-pub(crate) struct Refusal {
+pub struct Refusal {
     /// The first entry that none shows; beyond the last one, it is the end.
-    pub(crate) at: usize,
+    pub at: usize,
     /// The states that the network may have been in.
     before: Vec<State>,
 }
@@ -34,11 +34,7 @@ const MAX_STATES: usize = 50_000;
 
 /// `Ok` with the largest number of states that had to be carried; `None` if there were too many to
 /// count.
-pub(crate) fn check(
-    network: &Network,
-    trace: &[Entry],
-    end: End,
-) -> Result<Option<usize>, Refusal> {
+pub fn check(network: &Network, trace: &[Entry], end: End) -> Result<Option<usize>, Refusal> {
     let mut states = States::from_iter([State::initial(network)]);
     let mut most = 1;
     for (at, &entry) in trace.iter().enumerate() {
@@ -99,7 +95,7 @@ fn close(network: &Network, states: &mut States) -> bool {
 
 /// What a network may come to, on any path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) enum Fate {
+pub enum Fate {
     /// It ends on every path.
     Ends,
     /// It deadlocks on every path.
@@ -109,7 +105,7 @@ pub(crate) enum Fate {
 }
 
 /// Follows all paths: `None` if there are more states than `most`.
-pub(crate) fn fate(network: &Network, most: usize) -> Option<Fate> {
+pub fn fate(network: &Network, most: usize) -> Option<Fate> {
     let uses = network.uses();
     let settled = |state| settled(network, &uses, state);
     let mut known = States::default();

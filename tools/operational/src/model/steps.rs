@@ -1,12 +1,12 @@
 //! Internal steps: what happens between what agents do by themselves.
 
 use super::{Phase, State, before_step};
-use crate::operational::network::{Chosen, Failure, Guard, Network, Outcome, Patience, Step};
+use crate::network::{Chosen, Failure, Guard, Network, Outcome, Patience, Step};
 
 impl State {
     /// All states that one internal step leads to. Empty only if no agent can go on without a step
     /// of its own.
-    pub(crate) fn internal(&self, network: &Network, next: &mut Vec<State>) {
+    pub fn internal(&self, network: &Network, next: &mut Vec<State>) {
         for number in 0..self.agents.len() {
             let status = &self.agents[number];
             if let Some((channel, failure)) = status.ending {
@@ -44,7 +44,7 @@ impl State {
 
     /// Lets a leaving agent drop an end of a channel that no agent will use any more, so that no
     /// agent can see the drop. `uses` lists for each channel its users, and the last step of each.
-    pub(crate) fn drop_unseen(&mut self, network: &Network, uses: &[Vec<(usize, u8)>]) -> bool {
+    pub fn drop_unseen(&mut self, network: &Network, uses: &[Vec<(usize, u8)>]) -> bool {
         for number in 0..self.agents.len() {
             let Phase::Leaving { next, failed } = self.agents[number].phase else {
                 continue;

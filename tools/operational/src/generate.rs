@@ -2,21 +2,19 @@
 //! chance, so that the networks also meet closed and poisoned channels, partners that never come,
 //! and unplanned choices.
 
-use crate::operational::network::{
-    Agent, End, Form, Guard, Kind, Network, Offer, Patience, Side, Step, Value,
-};
+use crate::network::{Agent, End, Form, Guard, Kind, Network, Offer, Patience, Side, Step, Value};
 
 /// SplitMix64.
 #[derive(Debug, Clone)]
-pub(crate) struct Random(u64);
+pub struct Random(u64);
 
 impl Random {
-    pub(crate) fn new(seed: u64) -> Random {
+    pub fn new(seed: u64) -> Random {
         Random(seed.wrapping_mul(0x2545_f491_4f6c_dd1d))
     }
 
     /// A number below `end`.
-    pub(crate) fn below(&mut self, end: usize) -> usize {
+    pub fn below(&mut self, end: usize) -> usize {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut mixed = self.0;
         mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -24,7 +22,7 @@ impl Random {
         ((mixed ^ (mixed >> 31)) % end as u64) as usize
     }
 
-    pub(crate) fn chance(&mut self, percent: usize) -> bool {
+    pub fn chance(&mut self, percent: usize) -> bool {
         self.below(100) < percent
     }
 
@@ -36,10 +34,10 @@ impl Random {
 /// More agents than this, branches among them, do not make the model's work worth while.
 const MAX_AGENTS: usize = 9;
 /// The most guards of one alternative: as many as the program that runs networks has places for.
-pub(crate) const MAX_GUARDS: usize = 3;
+pub const MAX_GUARDS: usize = 3;
 
 /// The network of this seed.
-pub(crate) fn network(seed: u64) -> Network {
+pub fn network(seed: u64) -> Network {
     let mut random = Random::new(seed);
     let processes = 2 + random.below(5);
     let channels = 1 + random.below(4);

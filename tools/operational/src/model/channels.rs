@@ -1,7 +1,7 @@
 //! What communication does to channels, and to the agents that wait on them.
 
 use super::{Phase, State, Waiter};
-use crate::operational::network::{End, Failure, Guard, Kind, Network, Outcome, Side, Value};
+use crate::network::{End, Failure, Guard, Kind, Network, Outcome, Side, Value};
 
 impl State {
     /// Does a communication that is ready.

@@ -1,14 +1,14 @@
 //! Sets of states: hashed by a few multiplications, since the checker does little else.
 
-use crate::operational::model::State;
+use crate::model::State;
 use std::collections::HashSet;
 use std::hash::{BuildHasherDefault, Hasher};
 
-pub(crate) type States = HashSet<State, BuildHasherDefault<Mix>>;
+pub type States = HashSet<State, BuildHasherDefault<Mix>>;
 
 /// Not made to withstand an adversary: there is none.
 #[derive(Debug, Default, Clone)]
-pub(crate) struct Mix(u64);
+pub struct Mix(u64);
 
 impl Mix {
     fn add(&mut self, word: u64) {

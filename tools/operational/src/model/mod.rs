@@ -14,7 +14,7 @@
 mod channels;
 mod steps;
 
-use crate::operational::network::{
+use crate::network::{
     Agent, Chosen, End, Entry, Event, Failure, Guard, Kind, Network, Outcome, Side, Step, Value,
 };
 
@@ -74,7 +74,7 @@ struct Status {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(crate) struct State {
+pub struct State {
     channels: Vec<Channel>,
     agents: Vec<Status>,
     /// For each barrier, the agents that have come, or offer to.
@@ -82,7 +82,7 @@ pub(crate) struct State {
 }
 
 impl State {
-    pub(crate) fn initial(network: &Network) -> State {
+    pub fn initial(network: &Network) -> State {
         let count = |end: End| {
             let holders = network
                 .agents
@@ -133,7 +133,7 @@ impl State {
     }
 
     /// What an agent does by itself; `None` if it cannot do that here.
-    pub(crate) fn note(&self, network: &Network, entry: Entry) -> Option<State> {
+    pub fn note(&self, network: &Network, entry: Entry) -> Option<State> {
         let status = &self.agents[entry.agent];
         let agent = &network.agents[entry.agent];
         if status.ending.is_some() {
@@ -202,7 +202,7 @@ impl State {
     }
 
     /// What the agent may do by itself here; beside that, it may find that it has to wait.
-    pub(crate) fn notes(&self, network: &Network, agent: usize) -> Option<Event> {
+    pub fn notes(&self, network: &Network, agent: usize) -> Option<Event> {
         let status = &self.agents[agent];
         match status.phase {
             _ if status.ending.is_some() => None,
@@ -218,7 +218,7 @@ impl State {
     }
 
     /// Whether the agent's outcome may yet change, so that learning it is a choice.
-    pub(crate) fn may_withdraw(&self, network: &Network, agent: usize) -> bool {
+    pub fn may_withdraw(&self, network: &Network, agent: usize) -> bool {
         let status = &self.agents[agent];
         let Phase::Settled(outcome) = status.phase else {
             return false;
@@ -228,14 +228,14 @@ impl State {
     }
 
     /// Whether nothing can happen any more.
-    pub(crate) fn is_final(&self, network: &Network) -> bool {
+    pub fn is_final(&self, network: &Network) -> bool {
         let mut next = Vec::new();
         self.internal(network, &mut next);
         next.is_empty() && (0..self.agents.len()).all(|agent| self.notes(network, agent).is_none())
     }
 
     /// Whether all processes have left: of a final state, that it is no deadlock.
-    pub(crate) fn all_left(&self, network: &Network) -> bool {
+    pub fn all_left(&self, network: &Network) -> bool {
         network
             .processes()
             .all(|agent| matches!(self.agents[agent].phase, Phase::Left { .. }))

@@ -3,11 +3,11 @@
 use std::fmt;
 
 /// Each value is sent by one step alone, so that a trace says which communication it shows.
-pub(crate) type Value = u32;
+pub type Value = u32;
 
 /// What a channel holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Kind {
+pub enum Kind {
     Rendezvous,
     Fifo(usize),
     OverwriteOldest(usize),
@@ -15,7 +15,7 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    pub(crate) fn capacity(self) -> usize {
+    pub fn capacity(self) -> usize {
         match self {
             Kind::Rendezvous => 0,
             Kind::Fifo(n) | Kind::OverwriteOldest(n) | Kind::OverwriteNewest(n) => n,
@@ -24,21 +24,21 @@ impl Kind {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) enum Side {
+pub enum Side {
     Sender,
     Receiver,
 }
 
 /// An end of a channel that an agent holds: at most one of each side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) struct End {
-    pub(crate) channel: usize,
-    pub(crate) side: Side,
+pub struct End {
+    pub channel: usize,
+    pub side: Side,
 }
 
 /// How a value is offered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Form {
+pub enum Form {
     Given,
     /// Kept by the offerer if another guard is chosen.
     From,
@@ -47,7 +47,7 @@ pub(crate) enum Form {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Guard {
+pub enum Guard {
     Send {
         channel: usize,
         value: Value,
@@ -65,7 +65,7 @@ pub(crate) enum Guard {
 
 /// What a fair alternative remembers to have chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) enum Chosen {
+pub enum Chosen {
     End(End),
     Barrier(usize),
     /// By an `Alternative`, which has a memory of its own.
@@ -73,7 +73,7 @@ pub(crate) enum Chosen {
 }
 
 impl Guard {
-    pub(crate) fn end(self) -> Option<End> {
+    pub fn end(self) -> Option<End> {
         let (channel, side) = match self {
             Guard::Send { channel, .. } => (channel, Side::Sender),
             Guard::Recv { channel } => (channel, Side::Receiver),
@@ -83,7 +83,7 @@ impl Guard {
     }
 
     /// A delay is not remembered.
-    pub(crate) fn memory(self) -> Option<Chosen> {
+    pub fn memory(self) -> Option<Chosen> {
         match self {
             Guard::Sync { barrier } => Some(Chosen::Barrier(barrier)),
             _ => self.end().map(Chosen::End),
@@ -93,14 +93,14 @@ impl Guard {
 
 /// A guard and its precondition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Offer {
-    pub(crate) guard: Guard,
-    pub(crate) open: bool,
+pub struct Offer {
+    pub guard: Guard,
+    pub open: bool,
 }
 
 /// How long a plain operation waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Patience {
+pub enum Patience {
     Forever,
     /// `send_timeout`, `recv_timeout`: exact.
     Timeout(u32),
@@ -112,7 +112,7 @@ pub(crate) enum Patience {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Step {
+pub enum Step {
     /// A send or a receive alone.
     Plain(Guard, Patience),
     Alternative {
@@ -142,33 +142,33 @@ pub(crate) enum Step {
 
 /// A process, or a branch of a parallel construct in one.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Agent {
+pub struct Agent {
     /// Of a branch, the agent that it is part of.
-    pub(crate) parent: Option<usize>,
+    pub parent: Option<usize>,
     /// Whether it ends at its first operation that fails, as with `?`.
-    pub(crate) strict: bool,
-    pub(crate) level: u8,
+    pub strict: bool,
+    pub level: u8,
     /// Dropped in this order when it ends.
-    pub(crate) ends: Vec<End>,
-    pub(crate) steps: Vec<Step>,
+    pub ends: Vec<End>,
+    pub steps: Vec<Step>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub(crate) struct Network {
-    pub(crate) channels: Vec<Kind>,
+pub struct Network {
+    pub channels: Vec<Kind>,
     /// How many must come.
-    pub(crate) barriers: Vec<usize>,
-    pub(crate) agents: Vec<Agent>,
+    pub barriers: Vec<usize>,
+    pub agents: Vec<Agent>,
 }
 
 impl Network {
     /// The agents that are processes.
-    pub(crate) fn processes(&self) -> impl Iterator<Item = usize> + '_ {
+    pub fn processes(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.agents.len()).filter(|&agent| self.agents[agent].parent.is_none())
     }
 
     /// Gives every agent the ends that its steps use, beside those that it has.
-    pub(crate) fn hand_out_ends(&mut self) {
+    pub fn hand_out_ends(&mut self) {
         for agent in &mut self.agents {
             let used: Vec<End> = agent.steps.iter().flat_map(Step::ends).collect();
             agent.ends.extend(used);
@@ -178,7 +178,7 @@ impl Network {
     }
 
     /// For each channel the agents that use it, and in which step last.
-    pub(crate) fn uses(&self) -> Vec<Vec<(usize, u8)>> {
+    pub fn uses(&self) -> Vec<Vec<(usize, u8)>> {
         let mut uses = vec![Vec::new(); self.channels.len()];
         for (number, agent) in self.agents.iter().enumerate() {
             for (channel, users) in uses.iter_mut().enumerate() {
@@ -194,7 +194,7 @@ impl Network {
 
 impl Step {
     /// The place of the timeout at which its future is dropped.
-    pub(crate) fn dropped_at(&self) -> Option<u8> {
+    pub fn dropped_at(&self) -> Option<u8> {
         match self {
             Step::Plain(_, Patience::Dropped(_)) => Some(1),
             Step::Alternative {
@@ -207,7 +207,7 @@ impl Step {
     }
 
     /// The ends that it uses.
-    pub(crate) fn ends(&self) -> Vec<End> {
+    pub fn ends(&self) -> Vec<End> {
         match self {
             Step::Plain(guard, _) => guard.end().into_iter().collect(),
             Step::Alternative { offers, .. } => {
@@ -226,7 +226,7 @@ impl Step {
 
 /// What a step came to, as its agent sees it; with the guard's place in what was offered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) enum Outcome {
+pub enum Outcome {
     Sent(u8),
     Received(u8, Value),
     Failed(u8, Failure),
@@ -247,7 +247,7 @@ pub(crate) enum Outcome {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) enum Failure {
+pub enum Failure {
     Closed,
     Poisoned,
     /// The agent's own.
@@ -255,14 +255,14 @@ pub(crate) enum Failure {
 }
 
 impl Outcome {
-    pub(crate) fn is_failure(self) -> bool {
+    pub fn is_failure(self) -> bool {
         matches!(self, Outcome::Failed(..) | Outcome::Joined { failed: true })
     }
 }
 
 /// What an agent notes down, in the order of one clock for all agents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Event {
+pub enum Event {
     /// It begins the step at this place.
     Begins(u8),
     /// It has tried the operation and has to wait.
@@ -274,9 +274,9 @@ pub(crate) enum Event {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Entry {
-    pub(crate) agent: usize,
-    pub(crate) event: Event,
+pub struct Entry {
+    pub agent: usize,
+    pub event: Event,
 }
 
 impl fmt::Display for End {
