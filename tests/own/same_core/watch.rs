@@ -41,14 +41,18 @@ pub(crate) struct Verdict {
     pub(crate) scene: String,
     pub(crate) how: How,
     pub(crate) why: Why,
+    /// Processor time that the high side, the low side and the thread between them have used since
+    /// the operation was first seen.
+    pub(crate) used: [Duration; 3],
 }
 
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "stalled in `{}`, {:?}: {:?}",
-            self.scene, self.how, self.why
+            "stalled in `{}`, {:?}: {:?}; the high side used {:?}, the low side {:?}, the thread between \
+             them {:?}",
+            self.scene, self.how, self.why, self.used[0], self.used[1], self.used[2]
         )
     }
 }
@@ -93,12 +97,13 @@ impl Watch {
                 let mut since = None;
                 while !is_over.load(Ordering::Acquire) {
                     own.park(Instant::now() + LOOK);
-                    if let Some((how, why)) = look(&shared, core, &mut since) {
+                    if let Some((how, why, used)) = look(&shared, core, &mut since) {
                         let scene = scenes.get(shared.scene.load(Ordering::Relaxed));
                         report(Verdict {
                             scene: scene.unwrap_or(&"no scene").to_string(),
                             how,
                             why,
+                            used,
                         });
                         return;
                     }
@@ -124,7 +129,11 @@ impl Drop for Watch {
     }
 }
 
-fn look(shared: &Shared, core: usize, since: &mut Option<Since>) -> Option<(How, Why)> {
+fn look(
+    shared: &Shared,
+    core: usize,
+    since: &mut Option<Since>,
+) -> Option<(How, Why, [Duration; 3])> {
     let time = |thread: &AtomicI32| match thread.load(Ordering::Relaxed) {
         0 => Duration::ZERO,
         thread => processor_time(thread),
@@ -144,12 +153,13 @@ fn look(shared: &Shared, core: usize, since: &mut Option<Since>) -> Option<(How,
         });
         return None;
     };
-    let candidates = [
-        (time(&shared.high_thread) - first.high, Why::Spins),
-        (time(&shared.low_thread) - first.low, Why::PassedOver),
-        (time(&shared.burner_thread) - first.burner, Why::Inverted),
+    let all = [
+        time(&shared.high_thread) - first.high,
+        time(&shared.low_thread) - first.low,
+        time(&shared.burner_thread) - first.burner,
     ];
-    let (used, mut why) = candidates.into_iter().max_by_key(|(used, _)| *used)?;
+    let reasons = [Why::Spins, Why::PassedOver, Why::Inverted];
+    let (used, mut why) = all.into_iter().zip(reasons).max_by_key(|(used, _)| *used)?;
     if used < LIMIT {
         if Instant::now() < first.clock + STANDSTILL {
             return None;
@@ -160,7 +170,7 @@ fn look(shared: &Shared, core: usize, since: &mut Option<Since>) -> Option<(How,
         return None;
     }
     // It may have gone on while this was read.
-    (shared.operation() == Some((number, how))).then_some((how, why))
+    (shared.operation() == Some((number, how))).then_some((how, why, all))
 }
 
 /// For tests: a stall is a failure, and the threads cannot be stopped.
