@@ -151,7 +151,7 @@ impl Process {
             polls: AtomicU64::new(0),
             poll: AtomicPtr::new(ptr::null_mut()),
             methods: Cell::new(None),
-            inheritance: Inheritance::new(super::executor_thread_of(executor_id), level),
+            inheritance: Inheritance::new(level),
         }
     }
 
