@@ -121,11 +121,7 @@ impl ExecutorHandle {
         // Processes that come and go without end do not fill the memory.
         deferred_free::collect();
         let (process, record) = Unbuilt::new(another(&self.shared), spec, build);
-        let announced = Announced {
-            process,
-            decided: None,
-        };
-        (announced, ProcessHandle(record))
+        (Announced { process }, ProcessHandle(record))
     }
 }
 
