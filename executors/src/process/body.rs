@@ -120,16 +120,20 @@ impl<F: Future, B> Body<F, B> {
             log_installer.completed();
         }
         let poisons = abandoned && record.is_poisoned();
-        // A completed body is dropped within its last poll. That is no part of its replay log.
         let dropped = catch_unwind(|| {
-            let mut drop_body = || match abandoned {
-                true => current::with_abandoned(|| self.as_mut().clear()),
-                false => self.as_mut().clear(),
+            let mut drop_body = || match (abandoned, poisons) {
+                (false, _) => self.as_mut().clear(),
+                (true, false) => current::with_abandoned(|| self.as_mut().clear()),
+                (true, true) => current::poison_dropped_ends(|| {
+                    current::with_abandoned(|| self.as_mut().clear());
+                }),
             };
-            current::without_replay_log(|| match poisons {
-                true => current::poison_dropped_ends(drop_body),
-                false => drop_body(),
-            });
+            match log_installer {
+                None => drop_body(),
+                // A completed body is dropped within its last poll. That is no part of its replay
+                // log.
+                Some(_) => current::without_replay_log(drop_body),
+            }
         });
         if let Some(log_installer) = log_installer {
             log_installer.end();
