@@ -47,6 +47,7 @@ pub use guards::{BiasedGuard, InsideGuard, Refused};
 use crate::current::{self, PlainTurn};
 use core::fmt;
 use core::marker::PhantomData;
+use core::mem::ManuallyDrop;
 use guards::Held;
 use luna_platform::fence;
 use luna_platform::inside::Inside;
@@ -403,7 +404,7 @@ impl<T> BiasedLock<T> {
     fn guard<'a>(&'a self, held: Held<'a>) -> BiasedGuard<'a, T> {
         BiasedGuard {
             lock: self,
-            held,
+            held: ManuallyDrop::new(held),
             stays_on_its_thread: PhantomData,
         }
     }
