@@ -52,6 +52,7 @@ const HALF: u8 = LEVELS / 2;
 
 impl Counts {
     /// For a process of this own level.
+    #[inline]
     fn new(own: u8) -> Self {
         Self {
             boosts: 0,

@@ -389,6 +389,7 @@ pub fn on_path() -> bool {
 }
 
 /// Sets whether this thread is on the real-time path; returns the previous value.
+#[inline]
 pub fn set_on_path(on_path: bool) -> bool {
     // The path watcher is notified while the thread counts as off the path.
     let before = THREAD.with(|thread| thread.on_path.replace(false));

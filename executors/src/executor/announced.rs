@@ -17,6 +17,7 @@ pub struct Announced {
 impl Announced {
     /// In a monitored turn, and in one that drops an abandoned body, a builder would count as a
     /// part of that turn. Then it gets a turn of its own.
+    #[inline]
     fn can_be_built_here(&self) -> bool {
         let shared = self.process.shared();
         current::executor_id() == Some(shared.executor_id)
@@ -46,6 +47,7 @@ impl Announced {
         self.hand_over()
     }
 
+    #[inline]
     fn build_here(self) {
         // Off the path, and no part of the turn in the middle of which it is done.
         let on_path = current::set_on_path(false);

@@ -113,6 +113,7 @@ impl ExecutorHandle {
     /// assert_eq!(process.wait(), Exit::Completed);
     /// # Ok(()) }
     /// ```
+    #[inline]
     pub fn announce<B, F>(&self, spec: ProcessSpec, build: B) -> (Announced, ProcessHandle)
     where
         B: FnOnce() -> F + Send + 'static,
