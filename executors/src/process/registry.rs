@@ -510,9 +510,7 @@ impl Iterator for Chain {
 impl Drop for Chain {
     #[inline]
     fn drop(&mut self) {
-        while let Some(record) = self.next() {
-            drop(record);
-        }
+        self.for_each(drop);
     }
 }
 
