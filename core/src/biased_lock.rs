@@ -47,7 +47,6 @@ pub use guards::{BiasedGuard, InsideGuard, Refused};
 use crate::current::{self, PlainTurn};
 use core::fmt;
 use core::marker::PhantomData;
-use core::mem::ManuallyDrop;
 use guards::Held;
 use luna_platform::fence;
 use luna_platform::inside::Inside;
@@ -404,7 +403,7 @@ impl<T> BiasedLock<T> {
     fn guard<'a>(&'a self, held: Held<'a>) -> BiasedGuard<'a, T> {
         BiasedGuard {
             lock: self,
-            held: ManuallyDrop::new(held),
+            held,
             stays_on_its_thread: PhantomData,
         }
     }

@@ -2,7 +2,6 @@
 
 use super::{BiasedLock, Uses};
 use core::marker::PhantomData;
-use core::mem::ManuallyDrop;
 use core::ops::{Deref, DerefMut};
 use luna_platform::fence;
 use luna_platform::lock::PiGuard;
@@ -13,9 +12,7 @@ use luna_platform::sync::atomic::Ordering;
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct BiasedGuard<'a, T> {
     pub(super) lock: &'a BiasedLock<T>,
-    /// Not dropped by itself: so the drop of a guard of the bias' owner is small enough to be
-    /// inlined.
-    pub(super) held: ManuallyDrop<Held<'a>>,
+    pub(super) held: Held<'a>,
     pub(super) stays_on_its_thread: PhantomData<*const ()>,
 }
 
@@ -34,30 +31,13 @@ pub(super) enum Held<'a> {
 impl<T> Drop for BiasedGuard<'_, T> {
     #[inline(always)]
     fn drop(&mut self) {
-        match *self.held {
-            Held::Inside(executor) => self.lock.leave(executor),
-            // SAFETY: this is the guard's drop, which uses nothing of it any more.
-            _ => unsafe { self.release() },
-        }
-    }
-}
-
-impl<T> BiasedGuard<'_, T> {
-    /// Releases the lock that is held in shared mode.
-    ///
-    /// # Safety
-    ///
-    /// The guard is not used any more.
-    #[inline(never)]
-    unsafe fn release(&mut self) {
-        // Before `shared` is released.
-        match &mut *self.held {
+        match &mut self.held {
+            Held::Inside(executor) => self.lock.leave(*executor),
+            // Before `shared` is released.
             Held::Shared(uses) if uses.earn_bias() => self.lock.grant_bias(uses),
+            Held::Shared(_) => {}
             Held::Revoked { executor, .. } => self.lock.bias.store(*executor, Ordering::Release),
-            Held::Shared(_) | Held::Inside(_) => {}
         }
-        // SAFETY: the caller promises that the guard is not used any more, so this is dropped once.
-        unsafe { ManuallyDrop::drop(&mut self.held) };
     }
 }
 
