@@ -153,6 +153,11 @@ impl<T: Copy> RemoteWakes<T> {
         WakeSlot { number, block }
     }
 
+    /// How many processes have a slot.
+    pub(crate) fn count(&self) -> usize {
+        self.members.len() - self.free.len()
+    }
+
     /// All processes that have a slot, in the order of the slots.
     pub(crate) fn members(&self) -> impl Iterator<Item = T> {
         self.members.iter().copied().flatten()

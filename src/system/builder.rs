@@ -5,7 +5,7 @@ use crate::csp::process::{Build, IntoProcess, Prepared};
 use crate::error::{Error, Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
-use crate::safety::{Budgets, OnOverrun};
+use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, LEVELS, ProcessId};
 use luna_executors::{Name, ProcessHandle, ProcessSpec};
@@ -200,7 +200,7 @@ impl Executor {
     /// A process to be, on this executor.
     pub fn process(&self, name: impl AsRef<str>) -> ProcessBuilder {
         let plan = SPARE_PLANS.with(|spare| spare.another(&self.plan));
-        ProcessBuilder::new(plan, name.as_ref(), Ok(Placement::Executor(self.number)))
+        ProcessBuilder::new(plan, name.as_ref(), Placement::Executor(self.number))
     }
 
     /// A spawned process of this system, from when it runs. Not for the real-time path, as
@@ -235,7 +235,15 @@ impl Thread {
             self.plan.take_thread_name(&self.name)?;
             Ok(Placement::Thread(Box::new(attributes)))
         });
-        ProcessBuilder::new(self.plan, name.as_ref(), place)
+        let (place, refused) = match place {
+            Ok(place) => (place, None),
+            // No place is looked at beside this error.
+            Err(error) => (Placement::Executor(usize::MAX), Some(Box::new(error))),
+        };
+        ProcessBuilder {
+            refused,
+            ..ProcessBuilder::new(self.plan, name.as_ref(), place)
+        }
     }
 }
 
@@ -244,7 +252,9 @@ impl Thread {
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
     spec: ProcessSpec,
-    place: std::result::Result<Placement, Box<Error>>,
+    place: Placement,
+    /// Why it has no place.
+    refused: Option<Box<Error>>,
     level: u8,
     shares_name: bool,
     /// If there are any.
@@ -256,11 +266,13 @@ impl UnwindSafe for ProcessBuilder {}
 impl RefUnwindSafe for ProcessBuilder {}
 
 impl ProcessBuilder {
-    fn new(plan: Arc<Plan>, name: &str, place: Result<Placement>) -> Self {
+    #[inline]
+    fn new(plan: Arc<Plan>, name: &str, place: Placement) -> Self {
         Self {
             plan,
             spec: ProcessSpec::new(Name::from(name)),
-            place: place.map_err(Box::new),
+            place,
+            refused: None,
             level: ProcessSpec::DEFAULT_LEVEL,
             shares_name: false,
             budgets: None,
@@ -482,14 +494,14 @@ impl ProcessBuilder {
 
     #[inline]
     fn planned<M>(
-        self,
+        mut self,
         process: impl IntoProcess<M>,
     ) -> Result<(Arc<Plan>, ProcessPlan<impl Build>)> {
-        self.plan
-            .check_plain(self.spec.name())
+        let plain = self.plan.check_plain(self.spec.name());
+        let ledger = plain
+            .and_then(|()| self.check())
             .inspect_err(|_| self.plan.note_refusal())?;
-        let (system, plan) = self.checked()?;
-        Ok((system, plan.map(|_| process.prepare())))
+        Ok(self.described(ledger, process.prepare()))
     }
 
     /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart
@@ -505,14 +517,19 @@ impl ProcessBuilder {
     /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of
     /// another type. After an error the stand-in waits as before, so that it may be tried again.
     pub fn replaceable<E: Send + 'static, M, P: IntoProcess<M>>(
-        self,
+        mut self,
         ends: E,
         body: impl FnOnce(E) -> P,
     ) -> Result<ProcessId> {
         // All that can be refused is refused before the stand-in is taken: otherwise a second
         // attempt would run the process itself unnoticed.
-        let (system, mut plan) = self.checked()?;
-        plan.shares_name = false;
+        let ledger = self.check().inspect_err(|_| self.plan.note_refusal())?;
+        self.shares_name = false;
+        let nothing = Prepared {
+            resident: None,
+            build: (),
+        };
+        let (system, plan) = self.described(ledger, nothing);
         let name = system.reserve(plan.name())?;
         let declared = system.stand_ins().declare::<E>(plan.name());
         // Without the lock: what is made here is the user's.
@@ -532,53 +549,47 @@ impl ProcessBuilder {
         system.add_reserved(plan.map(|_| prepared))
     }
 
-    /// Takes what the system file states of the process.
-    #[cold]
-    fn deployed(&mut self) -> Result<()> {
-        let (Ok(place), Some(deployment)) = (&mut self.place, self.plan.deployment()) else {
-            return Ok(());
-        };
-        deployment.process(&self.spec, &mut self.level, place, &mut self.budgets)?;
-        Ok(())
-    }
-
-    /// The description of the process, if it is valid, without the body.
-    #[inline]
-    fn checked(mut self) -> Result<(Arc<Plan>, ProcessPlan<()>)> {
-        if self.plan.deployment().is_some() {
-            self.deployed().inspect_err(|_| self.plan.note_refusal())?;
+    /// Takes what the system file states of the process, and looks whether the description is
+    /// valid. Gives the ledger of its budgets.
+    fn check(&mut self) -> Result<Option<Arc<Ledger>>> {
+        if let Some(error) = self.refused.take() {
+            return Err(*error);
         }
-        let place = self.place.map_err(|error| {
-            self.plan.note_refusal();
-            *error
-        })?;
+        if let Some(deployment) = self.plan.deployment() {
+            let Self { spec, place, .. } = self;
+            deployment.process(spec, &mut self.level, place, &mut self.budgets)?;
+        }
         if self.level >= LEVELS {
-            self.plan.note_refusal();
             return Err(SetupError::Level {
                 process: self.spec.name().to_string(),
                 level: self.level,
             }
             .into());
         }
+        let budgets = self.budgets.take();
+        let ledger = budgets.map(|budgets| budgets.ledger(self.spec.name()));
+        Ok(ledger.transpose()?.map(Arc::new))
+    }
+
+    /// The description, with what is [prepared](IntoProcess::prepare) for its body.
+    #[inline]
+    fn described<B>(
+        self,
+        ledger: Option<Arc<Ledger>>,
+        prepared: Prepared<B>,
+    ) -> (Arc<Plan>, ProcessPlan<B>) {
         let mut spec = self.spec.level(self.level);
-        let mut ledger = None;
-        if let Some(budgets) = self.budgets {
-            let kept = budgets.ledger(spec.name());
-            let kept = Arc::new(kept.inspect_err(|_| self.plan.note_refusal())?);
-            spec = spec.monitored(kept.clone());
-            ledger = Some(kept);
+        if let Some(ledger) = &ledger {
+            spec = spec.monitored(ledger.clone());
         }
         let plan = ProcessPlan {
-            place,
+            place: self.place,
             spec,
             shares_name: self.shares_name,
             ledger,
-            prepared: Prepared {
-                resident: None,
-                build: (),
-            },
+            prepared,
         };
-        Ok((self.plan, plan))
+        (self.plan, plan)
     }
 }
 

@@ -80,6 +80,7 @@ impl Register {
         self.members.reserve(more);
     }
 
+    #[inline]
     pub(super) fn enter(&mut self, id: ProcessId, mut member: Member, emergency: &Emergency) {
         member.order = self.started;
         self.started = self.started.saturating_add(1);
@@ -98,6 +99,7 @@ impl Register {
     }
 
     /// Looks at the processes that have ended. O(their number).
+    #[inline]
     pub(super) fn note_ends(&mut self, common: &Common) {
         let emergency = &common.emergency;
         let registry = &common.registry;
@@ -131,6 +133,7 @@ impl Register {
         std::mem::take(&mut self.has_news)
     }
 
+    #[inline]
     fn note_reported(&mut self, ended: ProcessHandle, emergency: &Emergency) {
         if let Some(kept) = self.note_end(ended.id(), emergency) {
             kept.drop_with(ended);
@@ -251,6 +254,7 @@ impl Register {
         self.reaped.pop_front()
     }
 
+    #[inline]
     pub(super) fn handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.members.get(id).map(|member| member.handle(id))
     }

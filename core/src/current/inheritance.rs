@@ -7,7 +7,8 @@ use crate::wait_list::WaitList;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
 use core::cell::UnsafeCell;
-use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use core::ptr;
+use core::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, Ordering};
 
 pub(super) const LEVEL: u8 = LEVELS - 1;
 
@@ -23,10 +24,11 @@ pub(super) struct LevelNow {
 ///
 /// # Invariants
 ///
-/// `counts` and `waits` are accessed under the lock of `thread` alone.
+/// `counts` and `waits` are accessed under the lock of `thread` alone. `thread` is null, or owns a
+/// reference to the thread of the process' executor; it is set once, on that thread.
 pub(super) struct Inheritance {
-    /// None for a process without an executor, which is never boosted.
-    pub(super) thread: Option<Arc<ExecutorThread>>,
+    /// Set for the first [`Inheritor`](super::Inheritor) of the process, since most have none.
+    thread: AtomicPtr<ExecutorThread>,
     /// The waits of the process for objects with a holder: see [`Inheritor::begin_wait`].
     pub(super) waits: UnsafeCell<WaitList>,
     counts: UnsafeCell<Counts>,
@@ -50,6 +52,7 @@ const HALF: u8 = LEVELS / 2;
 
 impl Counts {
     /// For a process of this own level.
+    #[inline]
     fn new(own: u8) -> Self {
         Self {
             boosts: 0,
@@ -88,15 +91,17 @@ impl LevelNow {
         if !self.has_thread_boost.load(Ordering::Relaxed) {
             return own;
         }
-        let thread = inheritance.thread.as_ref();
+        let thread = inheritance.thread();
         thread.map_or(own, |thread| own.max(thread.boost()))
     }
 }
 
 impl Drop for Inheritance {
     fn drop(&mut self) {
-        if let Some(thread) = self.thread.take() {
-            super::recycle_executor_thread(thread);
+        let thread = *self.thread.get_mut();
+        if !thread.is_null() {
+            // SAFETY: by the invariant it owns a reference, which ends here.
+            drop(unsafe { Arc::from_raw(thread) });
         }
     }
 }
@@ -104,12 +109,32 @@ impl Drop for Inheritance {
 impl Inheritance {
     /// Of a process at level `own`. Allocates, if that is in the lower half.
     #[inline]
-    pub(super) fn new(thread: Option<Arc<ExecutorThread>>, own: u8) -> Self {
+    pub(super) fn new(own: u8) -> Self {
         Self {
-            thread,
+            thread: AtomicPtr::new(ptr::null_mut()),
             waits: UnsafeCell::new(WaitList::new()),
             counts: UnsafeCell::new(Counts::new(own & LEVEL)),
         }
+    }
+
+    /// The thread of its executor, if the process was ever an inheritor.
+    #[inline]
+    pub(super) fn thread(&self) -> Option<&ExecutorThread> {
+        // Acquire: pairs with the store in `take_thread`. SAFETY: by the invariant it is null, or
+        // that of a thread to which this owns a reference.
+        unsafe { self.thread.load(Ordering::Acquire).as_ref() }
+    }
+
+    /// Takes the thread of its executor, which is the calling one. `false`: the thread is no
+    /// executor's.
+    #[cold]
+    pub(super) fn take_thread(&self) -> bool {
+        let Some(thread) = super::EXECUTOR_THREAD.with(|slot| slot.borrow().clone()) else {
+            return false;
+        };
+        let thread = Arc::into_raw(thread).cast_mut();
+        self.thread.store(thread, Ordering::Release);
+        true
     }
 
     /// See [`Process::count_boost`](super::Process::count_boost); of the process at level `now`,
@@ -169,7 +194,7 @@ mod tests {
     #[test]
     fn it_runs_at_its_highest_boost_or_its_own_level() {
         for own in [0, 7, HALF - 2, HALF - 1, HALF, LEVEL - 1, LEVEL] {
-            let (now, inheritance) = (LevelNow::new(own), Inheritance::new(None, own));
+            let (now, inheritance) = (LevelNow::new(own), Inheritance::new(own));
             let mut boosts: Vec<u8> = Vec::new();
             let mut state = 1_u64;
             for _ in 0..4000 {

@@ -216,7 +216,7 @@ impl Inheritor {
 
     fn thread(&self) -> Option<&ExecutorThread> {
         match &self.to {
-            To::Process(reference) => reference.process().inheritance().thread.as_deref(),
+            To::Process(reference) => reference.process().inheritance().thread(),
             To::Thread(thread) => Some(thread),
         }
     }
@@ -350,12 +350,13 @@ impl fmt::Debug for Inheritor {
 }
 
 impl Process {
-    /// Whether it can be boosted: it is counted by references, and has an executor.
+    /// Whether it can be boosted: it is counted by references, and its executor is this thread.
     #[inline]
     fn can_inherit(&self) -> bool {
+        let inheritance = self.inheritance();
         self.is_counted()
-            && self.inheritance().thread.is_some()
             && executor_id() == Some(self.executor_id())
+            && (inheritance.thread().is_some() || inheritance.take_thread())
     }
 }
 

@@ -51,6 +51,7 @@ pub use turn::{
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 
+#[cfg(not(loom))]
 use crate::arc_cache::ArcCache;
 use crate::model_local::model_local;
 use crate::path;
@@ -112,8 +113,6 @@ model_local! {
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
     static EXECUTOR_THREAD: RefCell<Option<StdArc<ExecutorThread>>> = const { RefCell::new(None) };
-    /// References to the thread's `ExecutorThread`, kept from processes that have ended.
-    static SPARE_EXECUTOR_THREADS: ArcCache<ExecutorThread> = const { ArcCache::new() };
     /// References to the thread's timers, kept from sleeps that have ended, as long as the thread
     /// is an executor: so nothing is left to be dropped with the thread. A model counts each.
     #[cfg(not(loom))]
@@ -156,7 +155,6 @@ pub fn enter_executor(
         }
         None => ExecutorThread::new(),
     };
-    SPARE_EXECUTOR_THREADS.with(|spare| spare.keep(&thread));
     EXECUTOR_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
     ExecutorGuard {
         executor_id,
@@ -221,7 +219,6 @@ impl Drop for ExecutorGuard {
         });
         set_on_path(false);
         take_timers();
-        SPARE_EXECUTOR_THREADS.with(ArcCache::release);
         if let Some(thread) = EXECUTOR_THREAD.with(|slot| slot.borrow_mut().take())
             && !thread.is_plain()
         {
@@ -277,25 +274,6 @@ pub fn executor_id() -> Option<ExecutorId> {
 #[inline(always)]
 pub(crate) fn executor_number() -> u64 {
     THREAD.with(|thread| thread.executor_id.get().map_or(0, ExecutorId::number))
-}
-
-/// The state of the thread of `executor_id`, if it is this thread.
-fn executor_thread_of(executor_id: ExecutorId) -> Option<StdArc<ExecutorThread>> {
-    if self::executor_id() != Some(executor_id) {
-        return None;
-    }
-    // What is kept is of this thread.
-    SPARE_EXECUTOR_THREADS.with(|spare| {
-        spare
-            .kept()
-            .or_else(|| EXECUTOR_THREAD.with(|slot| Some(spare.another(slot.borrow().as_ref()?))))
-    })
-}
-
-/// Returns a reference of [`executor_thread_of`] to the cache.
-fn recycle_executor_thread(thread: StdArc<ExecutorThread>) {
-    // A thread that is ending has no cache any more.
-    let _ = SPARE_EXECUTOR_THREADS.try_with(move |spare| spare.give_back(thread));
 }
 
 /// The calling thread, with its own boosts: as an executor's, or as a plain one. None while it
@@ -411,6 +389,7 @@ pub fn on_path() -> bool {
 }
 
 /// Sets whether this thread is on the real-time path; returns the previous value.
+#[inline]
 pub fn set_on_path(on_path: bool) -> bool {
     // The path watcher is notified while the thread counts as off the path.
     let before = THREAD.with(|thread| thread.on_path.replace(false));

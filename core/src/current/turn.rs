@@ -73,9 +73,14 @@ pub unsafe fn end_turns() -> Option<ProcessId> {
 ///
 /// `f` uses no [`PlainTurn`] from before: there is no current process meanwhile.
 pub unsafe fn outside<R>(f: impl FnOnce() -> R) -> R {
-    let before = THREAD.with(|thread| thread.exchange_turn(None, Branch::WHOLE));
+    let thread = local();
+    let process = thread.process.take();
+    let branch = thread.branch.replace(Branch::WHOLE);
+    let plain = thread.plain.replace(core::ptr::null());
     let _restore = OnDrop::new(|| {
-        THREAD.with(|thread| thread.exchange_turn(before.0, before.1));
+        thread.process.set(process);
+        thread.branch.set(branch);
+        thread.plain.set(plain);
     });
     f()
 }

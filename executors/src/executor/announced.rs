@@ -12,22 +12,13 @@ use luna_core::current;
 #[must_use = "a process that is announced and not started ends as cancelled"]
 pub struct Announced {
     pub(super) process: Unbuilt,
-    /// The result of [`is_built_here`](Self::is_built_here).
-    pub(super) decided: Option<bool>,
 }
 
 impl Announced {
-    /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is
-    /// the user's. If not, it only hands it over.
-    pub fn is_built_here(&mut self) -> bool {
-        let here = self.can_be_built_here();
-        self.decided = Some(here);
-        here
-    }
-
     /// In a monitored turn, and in one that drops an abandoned body, a builder would count as a
     /// part of that turn. Then it gets a turn of its own.
-    pub(super) fn can_be_built_here(&self) -> bool {
+    #[inline]
+    fn can_be_built_here(&self) -> bool {
         let shared = self.process.shared();
         current::executor_id() == Some(shared.executor_id)
             && shared.phase() == Phase::RELEASED
@@ -41,18 +32,32 @@ impl Announced {
     /// what is given.
     #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
     pub fn start(self) -> Option<Announced> {
-        // A caller that saw what is done here relies on it. The executor may be released meanwhile,
-        // or asked to stop: that it sees after this turn. This may have gone to another thread.
-        let is_decided = self.decided == Some(true)
-            && current::executor_id() == Some(self.process.shared().executor_id);
-        if is_decided || self.decided.is_none() && self.can_be_built_here() {
-            // Off the path, and no part of the turn in the middle of which it is done.
-            let on_path = current::set_on_path(false);
-            // SAFETY: building a process uses no turn of the caller's.
-            unsafe { current::outside(|| self.process.build()) };
-            current::set_on_path(on_path);
+        self.start_under(())
+    }
+
+    /// As [`start`](Self::start), and drops `lock` meanwhile: after the process was handed over,
+    /// and before anything of the user's is called.
+    #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
+    pub fn start_under<L>(self, lock: L) -> Option<Announced> {
+        if self.can_be_built_here() {
+            drop(lock);
+            self.build_here();
             return None;
         }
+        self.hand_over()
+    }
+
+    #[inline]
+    fn build_here(self) {
+        // Off the path, and no part of the turn in the middle of which it is done.
+        let on_path = current::set_on_path(false);
+        // SAFETY: building a process uses no turn of the caller's.
+        unsafe { current::outside(|| self.process.build()) };
+        current::set_on_path(on_path);
+    }
+
+    #[cold]
+    fn hand_over(self) -> Option<Announced> {
         let shared = self.process.shared().clone();
         {
             let mut arrivals = shared.arrivals.lock();

@@ -113,6 +113,7 @@ impl ExecutorHandle {
     /// assert_eq!(process.wait(), Exit::Completed);
     /// # Ok(()) }
     /// ```
+    #[inline]
     pub fn announce<B, F>(&self, spec: ProcessSpec, build: B) -> (Announced, ProcessHandle)
     where
         B: FnOnce() -> F + Send + 'static,
@@ -121,11 +122,7 @@ impl ExecutorHandle {
         // Processes that come and go without end do not fill the memory.
         deferred_free::collect();
         let (process, record) = Unbuilt::new(another(&self.shared), spec, build);
-        let announced = Announced {
-            process,
-            decided: None,
-        };
-        (announced, ProcessHandle(record))
+        (Announced { process }, ProcessHandle(record))
     }
 }
 

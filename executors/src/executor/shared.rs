@@ -49,11 +49,13 @@ pub(crate) enum Serves {
 }
 
 /// Another reference for a task of an executor.
+#[inline]
 pub(super) fn another(shared: &Arc<Shared>) -> Arc<Shared> {
     SPARE_SHARED.with(|spare| spare.another(shared))
 }
 
 /// Takes a task's reference back.
+#[inline]
 pub(crate) fn give_back(shared: Arc<Shared>) {
     // A thread that is ending keeps none any more.
     let _ = SPARE_SHARED.try_with(move |spare| spare.give_back(shared));

@@ -28,8 +28,15 @@ pub(crate) enum Abandoned {
     Panicked(Box<dyn Any + Send>),
 }
 
+impl<O> End<O> {
+    pub(crate) fn is_panic(&self) -> bool {
+        matches!(self, End::Abandoned(Abandoned::Panicked(_)))
+    }
+}
+
 impl<O: ExitValue> End<O> {
     /// As its record stores it. `keep` finds a place for the exit value.
+    #[inline]
     pub(crate) fn into_raw(self, keep: impl FnOnce(O) -> ErasedExitValue) -> RawExit {
         match self {
             End::Completed(value) if !value.is_nothing() => RawExit::Value(keep(value)),
@@ -103,45 +110,42 @@ impl<F: Future, B> Body<F, B> {
     }
 
     /// Drops the future. One that panicked is never polled again, so its half-done state stays
-    /// invisible. Returns how it ended after all. A poll that is under way ends before: what panics
-    /// then finds a body that has not ended.
+    /// invisible. Changes `end` if it ends in another way after all. A poll that is under way ends
+    /// before: what panics then finds a body that has not ended.
     #[cold]
-    pub(crate) fn end(
-        mut self: Pin<&mut Self>,
-        record: &Record,
-        end: End<F::Output>,
-    ) -> End<F::Output> {
+    pub(crate) fn end(mut self: Pin<&mut Self>, record: &Record, end: &mut End<F::Output>) {
         record.end_poll();
         // Dropping the body ends its channels before the end of the process is published. A body
         // that has not completed was left in the middle, and so is what it held.
         let abandoned = !matches!(end, End::Completed(_) | End::Abandoned(Abandoned::Over));
         let log_installer = record.log_installer();
-        if let (End::Completed(_), Some(log_installer)) = (&end, log_installer) {
+        if let (End::Completed(_), Some(log_installer)) = (&*end, log_installer) {
             log_installer.completed();
         }
         let poisons = abandoned && record.is_poisoned();
-        // A completed body is dropped within its last poll. That is no part of its replay log.
         let dropped = catch_unwind(|| {
-            let mut drop_body = || match abandoned {
-                true => current::with_abandoned(|| self.as_mut().clear()),
-                false => self.as_mut().clear(),
+            let mut drop_body = || match (abandoned, poisons) {
+                (false, _) => self.as_mut().clear(),
+                (true, false) => current::with_abandoned(|| self.as_mut().clear()),
+                (true, true) => current::poison_dropped_ends(|| {
+                    current::with_abandoned(|| self.as_mut().clear());
+                }),
             };
-            current::without_replay_log(|| match poisons {
-                true => current::poison_dropped_ends(drop_body),
-                false => drop_body(),
-            });
+            match log_installer {
+                None => drop_body(),
+                // A completed body is dropped within its last poll. That is no part of its replay
+                // log.
+                Some(_) => current::without_replay_log(drop_body),
+            }
         });
         if let Some(log_installer) = log_installer {
             log_installer.end();
         }
-        match (end, dropped) {
-            (End::Abandoned(Abandoned::Panicked(payload)), Err(second)) => {
-                // The first one counts, and dropping the other could panic in turn.
-                core::mem::forget(second);
-                End::Abandoned(Abandoned::Panicked(payload))
-            }
-            (_, Err(payload)) => End::Abandoned(Abandoned::Panicked(payload)),
-            (end, Ok(())) => end,
+        match dropped {
+            Ok(()) => {}
+            // The first one counts, and dropping the other could panic in turn.
+            Err(second) if end.is_panic() => core::mem::forget(second),
+            Err(payload) => *end = End::Abandoned(Abandoned::Panicked(payload)),
         }
     }
 

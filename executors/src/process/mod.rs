@@ -48,6 +48,7 @@ impl ProcessSpec {
     pub const DEFAULT_LEVEL: u8 = 16;
 
     /// A process called `name`, at [`DEFAULT_LEVEL`](Self::DEFAULT_LEVEL).
+    #[inline]
     pub fn new(name: impl Into<Name>) -> Self {
         Self {
             id: ProcessId::new(),
@@ -58,11 +59,13 @@ impl ProcessSpec {
     }
 
     /// The name that the process will have.
+    #[inline]
     pub fn name(&self) -> &Name {
         &self.name
     }
 
     /// The number that the process will have.
+    #[inline]
     pub fn id(&self) -> ProcessId {
         self.id
     }
@@ -74,6 +77,7 @@ impl ProcessSpec {
 
     /// At `level`, 0 (lowest) to 31; a greater one counts as 31.
     #[must_use]
+    #[inline]
     pub fn level(mut self, level: u8) -> Self {
         self.level_and_how = self.level_and_how & !How::LEVEL | level.min(current::LEVELS - 1);
         self
@@ -90,6 +94,7 @@ impl ProcessSpec {
 
     /// Lists the process when it has ended, for [`ProcessRegistry::take_ended`].
     #[must_use]
+    #[inline]
     pub fn listed(mut self) -> Self {
         self.level_and_how |= How::LISTED;
         self
@@ -97,6 +102,7 @@ impl ProcessSpec {
 
     /// Makes its end unhurried, unless it is cancelled or panics: see [`ProcessRegistry::rest`].
     #[must_use]
+    #[inline]
     pub fn unhurried(mut self) -> Self {
         self.level_and_how |= How::UNHURRIED;
         self
@@ -227,6 +233,7 @@ impl ProcessHandle {
     }
 
     /// The level on its executor, 0 (lowest) to 31.
+    #[inline]
     pub fn priority(&self) -> u8 {
         self.0.level()
     }
@@ -295,6 +302,7 @@ impl ProcessHandle {
     /// Its name and how often it was polled, if it has completed and no more is known of it: its
     /// polls are not timed, and it left no exit value.
     #[doc(hidden)]
+    #[inline]
     pub fn completed(&self) -> Option<(Name, u64)> {
         self.0.completed()
     }
@@ -309,6 +317,7 @@ impl ProcessHandle {
     /// Drops this handle and another one: if they are of the same process, with fewer atomic
     /// operations than one after the other.
     #[doc(hidden)]
+    #[inline]
     pub fn drop_with(self, other: Self) {
         self.0.drop_with(other.0);
     }

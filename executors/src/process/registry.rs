@@ -197,6 +197,7 @@ impl ProcessRegistry {
     /// Passes the processes that have ended since the last call to `each`, in the order of their
     /// ends; only those that are to be [listed](crate::ProcessSpec::listed). O(their
     /// number). It may free memory, so it is not for the real-time path.
+    #[inline]
     pub fn take_ended(&self, mut each: impl FnMut(ProcessHandle)) {
         for record in self.take_reported() {
             each(ProcessHandle(record));
@@ -429,6 +430,7 @@ impl ProcessRegistry {
         }
     }
 
+    #[inline]
     pub(super) fn enter(&self) {
         let is_counted = KEPT.with(|kept| {
             let counted = kept.counted.get();
@@ -476,6 +478,7 @@ impl Chain {
     ///
     /// It is null, or begins a chain of records that are owned by their places in it. The caller
     /// gives up its ownership.
+    #[inline]
     unsafe fn reversed(first: *mut Retired) -> Self {
         let mut behind = ptr::null_mut();
         let mut next = NonNull::new(first);
@@ -494,6 +497,7 @@ impl Chain {
 impl Iterator for Chain {
     type Item = RecordRef;
 
+    #[inline]
     fn next(&mut self) -> Option<RecordRef> {
         // SAFETY: by the invariant a reference is owned by the first place, of which the pointer
         // is. It leaves the chain below.
@@ -504,6 +508,7 @@ impl Iterator for Chain {
 }
 
 impl Drop for Chain {
+    #[inline]
     fn drop(&mut self) {
         self.for_each(drop);
     }

@@ -85,7 +85,7 @@ where
 /// As for [`body`]: a live whole on its executor's thread, and no other access to its body. That
 /// has not ended before.
 #[cold]
-pub(super) unsafe fn end_body<F, B>(task: NonNull<Task>, end: End<F::Output>)
+pub(super) unsafe fn end_body<F, B>(task: NonNull<Task>, mut end: End<F::Output>)
 where
     F: Future<Output: ExitValue>,
 {
@@ -94,16 +94,11 @@ where
     // published, and from then on it belongs to the threads that take it.
     unsafe {
         let this = task.as_ref();
-        let end = match end {
-            End::Completed(_) if this.process.has_failed() => End::Completed(F::Output::failed()),
-            // Its own failure counts more than a cancellation that came in the same poll.
-            End::Abandoned(Abandoned::Cancelled | Abandoned::Over) if this.process.has_failed() => {
-                End::Completed(F::Output::failed())
-            }
-            End::Abandoned(Abandoned::Failed) => End::Completed(F::Output::failed()),
-            end => end,
-        };
-        let end = body::<F, B>(task).end(&this.record, end);
+        // Its own failure counts more than a cancellation that came in the same poll.
+        if this.process.has_failed() && !end.is_panic() {
+            end = End::Completed(F::Output::failed());
+        }
+        body::<F, B>(task).end(&this.record, &mut end);
         let exit = end.into_raw(|value| {
             body::<F, B>(task).keep(value);
             let methods = const {

@@ -1,7 +1,7 @@
 //! The end of a task: its report, its retirement, and its memory.
 
 use super::body::Whole;
-use super::{REMOTE_WAKES, TASKS, Task, another_reference, end_turns, memory};
+use super::{REMOTE_WAKES, Task, another_reference, end_turns, memory};
 use crate::process::{Abandoned, Notice, RecordRef};
 use crate::{executor, interference};
 use alloc::borrow::ToOwned;
@@ -140,7 +140,6 @@ pub(super) unsafe fn end(task: NonNull<Task>) {
 /// As for [`retire`]: its body has ended, it is not queued and was not retired before. This is its
 /// executor's thread.
 pub(super) unsafe fn leave(task: NonNull<Task>) {
-    TASKS.set(TASKS.get() - 1);
     // SAFETY: the caller promises that the task was not retired before, so it is live.
     let number = unsafe { task.as_ref() }.slot.number();
     REMOTE_WAKES.with_borrow_mut(|remote_wakes| remote_wakes.leave(number));

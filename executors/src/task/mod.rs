@@ -40,7 +40,7 @@ use crate::remote_wakes::{RemoteWakes, WakeSlot};
 use alloc::borrow::ToOwned;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 use core::mem::ManuallyDrop;
 use core::ops::Deref;
 use core::ptr::NonNull;
@@ -52,34 +52,25 @@ luna_platform::local! {
     /// The tasks of this thread's executor that are not retired.
     static REMOTE_WAKES: RefCell<RemoteWakes<NonNull<Task>>> =
         const { RefCell::new(RemoteWakes::new()) };
-    static TASKS: Cell<usize> = const { Cell::new(0) };
 }
 
 /// The tasks of one of several executors that share a thread, while another has its turn.
-pub(crate) struct Tasks {
-    remote_wakes: RemoteWakes<NonNull<Task>>,
-    count: usize,
-}
+pub(crate) struct Tasks(RemoteWakes<NonNull<Task>>);
 
 impl Tasks {
     pub(crate) const fn new() -> Self {
-        Self {
-            remote_wakes: RemoteWakes::new(),
-            count: 0,
-        }
+        Self(RemoteWakes::new())
     }
 
     /// How many have not been retired.
     pub(crate) fn count(&self) -> usize {
-        self.count
+        self.0.count()
     }
 
     /// Makes these tasks the thread's, and keeps the former ones here: called before a turn and
     /// after it.
     pub(crate) fn exchange(&mut self) {
-        REMOTE_WAKES
-            .with_borrow_mut(|remote_wakes| core::mem::swap(remote_wakes, &mut self.remote_wakes));
-        self.count = TASKS.replace(self.count);
+        REMOTE_WAKES.with_borrow_mut(|remote_wakes| core::mem::swap(remote_wakes, &mut self.0));
     }
 }
 
@@ -180,7 +171,6 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
             }
         }
         this.record.set_process(NonNull::from(&*this.process));
-        TASKS.set(TASKS.get() + 1);
         let (id, name) = (this.record.id(), || this.record.name().to_owned());
         events::name_process(id.get(), level, name);
         this.process.ready_at(level, QueueEnd::Back);
@@ -189,7 +179,7 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
 
 /// How many tasks of this thread's executor have not been retired.
 pub(crate) fn count() -> usize {
-    TASKS.get()
+    REMOTE_WAKES.with_borrow(RemoteWakes::count)
 }
 
 /// The processes of this thread's executor that have not been retired. Allocates.

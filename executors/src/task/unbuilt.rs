@@ -37,6 +37,7 @@ unsafe impl Send for Unbuilt {}
 
 impl Unbuilt {
     /// A process that counts as living on the executor `shared`, and a reference to it. Allocates.
+    #[inline]
     pub(crate) fn new<F, B>(shared: Arc<Shared>, spec: ProcessSpec, builder: B) -> (Self, RecordRef)
     where
         B: FnOnce() -> F + Send + 'static,
@@ -91,6 +92,7 @@ impl Unbuilt {
     /// # Panics
     ///
     /// If this thread is not that of its executor.
+    #[inline]
     pub(crate) fn build(self) {
         assert_eq!(
             current::executor_id(),

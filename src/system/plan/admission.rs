@@ -7,7 +7,7 @@ use crate::csp::process::{Build, Room, announce, clean_up, prepare};
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
 use luna_core::current::ProcessId;
-use luna_executors::{Announced, Name, ProcessHandle};
+use luna_executors::{Name, ProcessHandle};
 use std::sync::MutexGuard;
 
 /// The name of a process that is about to be added. Dropping it gives the name back.
@@ -117,7 +117,8 @@ impl Plan {
         member.set_late();
         member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
-        start_announced(members, announced);
+        // An executor that builds it here is in a process' turn, so it does not end meanwhile.
+        drop(announced.start_under(members));
         Ok(handle)
     }
 
@@ -230,25 +231,12 @@ impl Plan {
         let handle = member.handle(id);
         members.enter_late(id, member, running);
         match started {
-            Started::OnExecutor(announced) => start_announced(members, announced),
+            Started::OnExecutor(announced) => drop(announced.start_under(members)),
             Started::OnThread(thread) => {
                 thread.1.release();
                 members.threads.push(thread);
             }
         }
         Ok(handle)
-    }
-}
-
-/// Starts a process that was entered under the lock of `members`, which the end needs.
-fn start_announced(members: MutexGuard<'_, Members>, mut announced: Announced) {
-    if announced.is_built_here() {
-        // The executor is in a process' turn, so it does not end meanwhile.
-        drop(members);
-        drop(announced.start());
-    } else {
-        let refused = announced.start();
-        drop(members);
-        drop(refused);
     }
 }

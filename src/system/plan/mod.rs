@@ -176,6 +176,7 @@ impl Plan {
 
     /// A process that is spawned without its ends cannot be replaced. While the system runs no
     /// stand-in waits to replace one.
+    #[inline]
     pub(crate) fn check_plain(&self, process: &str) -> Result<()> {
         if self.stand_ins_closed.load(Ordering::Acquire) {
             return Ok(());

@@ -67,6 +67,7 @@ impl Running {
     }
 
     /// Announces a prepared process on an executor by `announce`. No user code runs there.
+    #[inline]
     pub(super) fn announce(
         &self,
         number: usize,
@@ -201,6 +202,7 @@ struct Seldom {
 }
 
 impl Member {
+    #[inline]
     pub(in crate::system) fn new(
         handle: ProcessHandle,
         on: On,
@@ -266,6 +268,7 @@ impl Member {
 
     /// Lets go of the memory of a process that has just completed, if it has nothing that few
     /// have. Gives its handle.
+    #[inline]
     pub(in crate::system) fn forget_completed(&mut self) -> Option<ProcessHandle> {
         let Is::Kept {
             handle,

@@ -151,7 +151,7 @@ impl Process {
             polls: AtomicU64::new(0),
             poll: AtomicPtr::new(ptr::null_mut()),
             methods: Cell::new(None),
-            inheritance: Inheritance::new(super::executor_thread_of(executor_id), level),
+            inheritance: Inheritance::new(level),
         }
     }
 
@@ -160,6 +160,7 @@ impl Process {
     /// # Safety
     ///
     /// The process has not been polled yet, and no other code uses this value at the same time.
+    #[inline]
     pub unsafe fn set_waker(&self, waker: Waker) {
         // SAFETY: the caller promises that no other code uses this value, so this is the only
         // access.
@@ -176,6 +177,7 @@ impl Process {
     /// part, at a multiple of [`ALIGN`](Self::ALIGN). The methods may be called with `owner` as
     /// [`Methods`] says, until `free` was called; until then this value stays where it is.
     /// [`end`](Self::end) is called once.
+    #[inline]
     pub unsafe fn set_owner(&self, owner: NonNull<()>, methods: &'static Methods) {
         let is_lone = ptr::eq(methods, &lone::METHODS);
         self.kind

@@ -157,6 +157,7 @@ impl Record {
     }
 
     /// See [`ProcessHandle::completed`](crate::ProcessHandle::completed).
+    #[inline]
     pub(in crate::process) fn completed(&self) -> Option<(Name, u64)> {
         let has_more = self.outcome.load(Ordering::Acquire) != Outcome::COMPLETED;
         if has_more || self.timing.is_some() {
@@ -241,6 +242,7 @@ impl Record {
         &self.name
     }
 
+    #[inline]
     pub(crate) fn level(&self) -> u8 {
         self.level_and_how & How::LEVEL
     }
@@ -334,11 +336,15 @@ impl Record {
 
     /// Ends a timed poll, once. If the poll monitor wants the process ended, it counts as cancelled
     /// from here on. The poll monitor may panic.
-    #[cold]
+    #[inline]
     pub(in crate::process) fn end_poll(&self) {
-        let Some(timing) = self.timed() else {
-            return;
-        };
+        if let Some(timing) = self.timed() {
+            self.end_timed_poll(timing);
+        }
+    }
+
+    #[cold]
+    fn end_timed_poll(&self, timing: &Timing) {
         let began = Instant::from_nanos(timing.began.load(Ordering::Relaxed));
         if began == Instant::NEVER {
             return;

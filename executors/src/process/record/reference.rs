@@ -48,6 +48,7 @@ impl RecordRef {
     }
 
     /// Drops two references, without counting if they are the last ones to one record.
+    #[inline]
     pub(in crate::process) fn drop_with(self, other: Self) {
         if self.0 != other.0 {
             return;

@@ -106,7 +106,7 @@ static ALL: &[Operation] = &[
         processes::switch_with_deadlines,
     ),
     operation("wake itself", (500, 1), processes::wake_itself),
-    operation("spawn and join", (64, 1), processes::spawn_and_join),
+    operation("spawn and join", (192, 1), processes::spawn_and_join),
     operation(
         "start and join, one of many",
         (2048, 1),
