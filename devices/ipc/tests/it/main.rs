@@ -49,16 +49,16 @@ fn channel_name(test: &str) -> String {
     format!("test/{}/{test}", std::process::id())
 }
 
-/// For tests whose killed programs leave files: one of them removes those of all.
+/// For tests with killed programs that leave files: one of them removes those of all.
 fn leaving_files() -> std::sync::MutexGuard<'static, ()> {
     static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
     ONE.lock()
         .unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// The files of a channel, or of all channels that begin so.
+/// The files of a channel, or of a blackboard.
 fn files(name: &str) -> Vec<String> {
-    let prefix = format!("luna-ipc.{}", name.replace('/', "+"));
+    let prefix = format!("luna-ipc.{}.", name.replace('/', "+"));
     let entries = std::fs::read_dir("/dev/shm").unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     names.filter(|name| name.starts_with(&prefix)).collect()
