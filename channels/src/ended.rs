@@ -54,7 +54,7 @@ pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
     let is_met = |watcher: &NonNull<Watcher>| unsafe { watcher.as_ref() }.is_met_by(ending);
     let watcher = watchers.find(|watcher| is_met(watcher).is_some())?;
     drop(watchers);
-    // SAFETY: it was found in the list, whose lock is held.
+    // SAFETY: it was found in the list, and the lock of the list is held.
     Some(unsafe { unlist(&mut lists.watching, watcher) })
 }
 

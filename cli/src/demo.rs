@@ -187,7 +187,7 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
     if let Some(address) = show.scope {
         let parameters = system.parameters();
         let scope = crate::scope::of_demo(address, parameters, show)?;
-        // Without the token: it is for those who were given it.
+        // Without the token, which is for the viewer that was given it.
         let url = scope.url();
         let open = url.split(['?', '#']).next().unwrap_or(&url);
         system.announce_address("scope", open);

@@ -22,7 +22,7 @@ Each runs by `cargo run`, has tests on a virtual clock (`cargo test`), a system 
 
 Exit codes: 0 made, 1 standard output is closed, 2 bad arguments, the folder is there already, or it cannot be written.")]
 pub(crate) struct Arguments {
-    /// The folder to make, whose last part is the package's name
+    /// The folder to make; its last part is the package's name
     #[arg(value_name = "NAME")]
     path: PathBuf,
     /// What it begins with

@@ -198,8 +198,8 @@ impl Deployment {
         Ok(())
     }
 
-    /// As the system starts: settings, processes whose executors came later, and names that nothing
-    /// has.
+    /// As the system starts: settings, processes of executors that came later, and names that
+    /// nothing has.
     pub(crate) fn settle(
         &self,
         settings: &mut Settings,

@@ -123,10 +123,10 @@ impl DeviceManager {
     /// Opens the device `name`, or shares what is open under that name already.
     ///
     /// `open` is called only in the first case, and does all that opening means; dropping what it
-    /// gives closes the device. A device whose last user has just gone is waited for, until it is
-    /// closed, for a second at most. Real-time path: no. `kind` is what the device is, in the words
-    /// of an error: "motor driver". A name that is a path is that of the file which it leads to, so
-    /// a link and its target are one device.
+    /// gives closes the device. A device that its last user has just left is waited for, until it
+    /// is closed, for a second at most. Real-time path: no. `kind` is what the device is, in the
+    /// words of an error: "motor driver". A name that is a path is that of the file which it leads
+    /// to, so a link and its target are one device.
     ///
     /// # Errors
     ///

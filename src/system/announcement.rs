@@ -3,7 +3,8 @@
 //!
 //! The file is locked as long as the system runs, by a lock that the kernel releases when the
 //! program ends, however it does. So a file without that lock is left by a program that was killed,
-//! and who finds it removes it. It is empty until it is locked: an empty one is left alone.
+//! and the program that finds it removes it. It is empty until it is locked: an empty one is left
+//! alone.
 
 use super::compose;
 use super::plan::Plan;
@@ -249,7 +250,8 @@ impl Announcement {
 
 impl Drop for Announcement {
     fn drop(&mut self) {
-        // What cannot be removed has no lock from now on, and is removed by who finds it.
+        // What cannot be removed has no lock from now on, and is removed by the program that finds
+        // it.
         let _ = fs::remove_file(&self.path);
     }
 }
@@ -335,7 +337,7 @@ mod tests {
         left._locked.unlock().unwrap();
         match read(&path) {
             Ok(found) => assert_eq!(found, None),
-            // By someone who looks at all of this computer.
+            // By a user that looks at all of this computer.
             Err(error) => assert_eq!(error.kind(), io::ErrorKind::NotFound),
         }
         assert!(!path.exists());

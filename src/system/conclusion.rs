@@ -15,7 +15,7 @@ use luna_executors::{ProcessState, Standstill};
 use luna_platform::clock::Instant;
 use std::sync::Arc;
 
-/// What is known of a run whose threads have ended.
+/// What is known of a run after its threads have ended.
 pub(super) struct Ended {
     /// Without what the register of processes knows.
     pub(super) report: Report,

@@ -67,7 +67,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Two clocks an offset apart, whose readings take time.
+        /// Two clocks an offset apart, with readings that take time.
         #[test]
         fn a_conversion_is_within_its_error(
             offset in -1_000_000_000_000_i64..2_000_000_000_000_000_000,

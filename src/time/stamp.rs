@@ -68,7 +68,7 @@ impl fmt::Debug for Stamp {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StampError {
-    /// Nothing has told the kernel how far TAI is ahead of UTC.
+    /// Nothing has set in the kernel how far TAI is ahead of UTC.
     #[error(
         "CLOCK_TAI is UTC under another name here: its offset is 0 s, not 37 s or more; let the daemon set it (chrony: `leapsectz right/UTC`; PTP: phc2sys, from a master that states it), or take StampClock::Monotonic"
     )]

@@ -365,12 +365,12 @@ pub(crate) fn exit_by(report: &Report) -> ! {
     })
 }
 
-/// A watchdog for a test that waits for files; none where the platform cannot, which is said.
+/// A watchdog for a test that waits for files; none where the platform cannot, which is reported.
 pub(crate) fn with_files() -> Option<Watchdog> {
     watchdog_if_complete("the portable layer cannot wait for files")
 }
 
-/// A watchdog for a test of signals; none where there are none, which is said.
+/// A watchdog for a test of signals; none where there are none, which is reported.
 pub(crate) fn with_signals() -> Option<Watchdog> {
     watchdog_if_complete("the portable layer has no signals")
 }

@@ -77,11 +77,11 @@ fn said(input: impl Into<Stdio>) -> Vec<String> {
     let output = own_program("reads thread").stdin(input).output().unwrap();
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8(output.stdout).unwrap();
-    text.lines().filter_map(told).collect()
+    text.lines().filter_map(reported).collect()
 }
 
 /// The line of the operator in a line of the program: the harness writes before the first.
-fn told(line: &str) -> Option<String> {
+fn reported(line: &str) -> Option<String> {
     let place = line.find("line ").or_else(|| line.find("over"))?;
     Some(line[place..].to_owned())
 }

@@ -387,7 +387,7 @@ fn a_long_poll_is_told_from_one_that_was_off_the_processor() {
         burn(TOO_LONG);
         let burnt = luna::now() - begun;
         luna::yield_now().await;
-        // Longer than the poll before it, whose thread may have been off the processor too.
+        // Longer than the poll before it, which may have been off the processor too.
         std::thread::sleep(3 * (TOO_LONG + burnt));
         luna::yield_now().await;
         Ok(())

@@ -237,7 +237,7 @@ pub trait Guards {
     /// Adds the open guards.
     fn collect<'a>(self: Pin<&'a mut Self>, number: u32, into: &mut Collected<'a>);
 
-    /// Goes to the open guards, until told not to. Only for a [plain](Self::PLAIN) list.
+    /// Goes to the open guards, until the visitor stops it. Only for a [plain](Self::PLAIN) list.
     fn each(self: Pin<&mut Self>, number: u32, step: &mut impl Visit);
 
     /// Goes to guard `index`, which is open. Only for a [plain](Self::PLAIN) list.

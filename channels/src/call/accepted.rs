@@ -34,7 +34,7 @@ pub struct Call<'a, Q, A> {
 }
 
 impl<'a, Q, A> Call<'a, Q, A> {
-    /// A call whose client is held by `ticket`.
+    /// A call, with its client held by `ticket`.
     pub(super) fn accepted(
         end: &'a End<Message<Q, A>>,
         message: Message<Q, A>,

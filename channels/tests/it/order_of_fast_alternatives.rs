@@ -1,4 +1,4 @@
-//! Alternatives whose partners are all on their own executor: which one is served, and when.
+//! Alternatives with all partners on their own executor: which one is served, and when.
 
 #![cfg(not(loom))]
 

@@ -138,7 +138,7 @@ impl Filter {
             }
     }
 
-    /// Whether the record begins a cycle of the loop whose cycles are rows.
+    /// Whether the record begins a cycle of the loop that gives the rows.
     pub(super) fn is_cycle(&self, record: &Record<'_>) -> bool {
         let is_slot =
             |event: &Event| event.code == code::SLOT && Some(event.subject) == self.cycles;

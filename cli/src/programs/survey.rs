@@ -18,7 +18,7 @@ pub(super) struct Survey {
     pub(super) blackboards: Vec<Board>,
     /// The time between the two looks that rates are made of; none if there was one look.
     pub(super) interval_s: Option<f64>,
-    /// Names whose files were left by programs that were killed.
+    /// Names with files that killed programs have left.
     pub(super) left_behind: usize,
     /// Names and systems of other users, or of another version.
     pub(super) hidden: usize,

@@ -33,7 +33,7 @@ pub struct Ends {
 pub fn describe(system: &mut System, duration: Duration) -> luna::Result<Ends> {
     // On the machine `control` has a core and a real-time policy: see system.toml.
     let control = system.executor("control").build()?;
-    // Registers: the loop waits for nobody, and whoever reads gets the latest value.
+    // Registers: the loop never waits, and each reader gets the latest value.
     let (commands, received) = luna::buffered::<Command>(Buffer::overwrite_oldest(1));
     let (state, wheels) = luna::buffered::<Wheels>(Buffer::overwrite_oldest(1));
     control.process("drive").priority(20).spawn(async move {

@@ -15,7 +15,7 @@ fn command(arguments: &[&str], project: &Path) -> Output {
         .expect("the program starts")
 }
 
-/// A project of a template, whose layout is that of rustfmt.
+/// A project of a template, in the layout of rustfmt.
 fn project(template: &str) -> PathBuf {
     let project = folder(&format!("new-{template}"));
     let luna = workspace().display().to_string();

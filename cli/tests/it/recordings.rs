@@ -19,7 +19,7 @@ fn file(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)
 }
 
-/// A recording of the logger and a replay log are told apart by each program that reads one.
+/// Each program that reads a recording of the logger or a replay log distinguishes them.
 #[test]
 fn a_recording_and_a_replay_log_are_told_apart() {
     let (log, replay) = (file("apart.luna"), file("apart.replay"));

@@ -148,7 +148,7 @@ fn a_wrong_option_gets_the_name_of_a_similar_one() {
     }
 }
 
-/// Whatever this user may not do is said once, in a line that names the command and the page.
+/// Whatever this user may not do is reported once, in a line that names the command and the page.
 #[cfg(target_os = "linux")]
 #[test]
 fn missing_privileges_are_said_once() {

@@ -165,6 +165,6 @@ fn not_locked(phase_error: Option<i64>, refused: u64) -> String {
 fn code_text(code: Option<u16>) -> String {
     match code {
         Some(code) => format!("with AL status code {code:#06x}"),
-        None => "and does not tell why".to_owned(),
+        None => "and gives no reason".to_owned(),
     }
 }

@@ -15,7 +15,7 @@ pub type SendLink<T> = Link<Outward<Values<T>>>;
 
 /// What a link takes from its local channel.
 pub(crate) trait Source: Send {
-    /// A value that was taken, and whose sender waits.
+    /// A value that was taken while its sender waits.
     type Taken<'a>
     where
         Self: 'a;

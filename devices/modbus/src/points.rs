@@ -145,7 +145,7 @@ impl Points {
         }
     }
 
-    /// Forgets points whose other ends are gone. Returns whether there are any left.
+    /// Forgets points without another end. Returns whether there are any left.
     pub(crate) async fn forget_ended(&mut self) -> luna::Result<bool> {
         let before = self.readings.len();
         let mut kept = Vec::with_capacity(before);

@@ -97,7 +97,7 @@ fn press(address: &str) -> luna::Result<()> {
                 },
                 () = luna::after(Duration::from_millis(10)) => {
                     degrees += 0.5;
-                    // The feeder may have gone: the blocks' channel tells.
+                    // The feeder may have gone: the blocks' channel reports it.
                     let _ = temperature.try_send(degrees);
                 },
             }

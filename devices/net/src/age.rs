@@ -153,7 +153,7 @@ impl ClockDifference {
         keep_least(&mut self.least, difference, now);
     }
 
-    /// What is to be told to the partner.
+    /// What is to be reported to the partner.
     pub(crate) fn seen_here(&self, now: Instant) -> Option<i64> {
         self.most.map(|bound| bound.at(now))
     }

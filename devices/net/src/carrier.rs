@@ -143,7 +143,7 @@ impl Shared {
 struct Carrier {
     shared: Arc<Shared>,
     jobs: Receiver<Job>,
-    /// Batches whose values were queued, to be given back.
+    /// Batches of queued values, to be given back.
     taken: Vec<Batch>,
     free: Sender<Batch>,
     book: Book,
@@ -201,7 +201,7 @@ pub(crate) fn start(
         .express(true)
         .wait()
         .map_err(failed("publish its messages"))?;
-    // The last: who sees it may send messages here.
+    // The last: a partner that sees it may send messages here.
     let token = session
         .liveliness()
         .declare_token(token(name, own.role, Some(own.number)))

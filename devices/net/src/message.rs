@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Begins every message. Its last digit counts the versions of the protocol.
 pub(crate) const MAGIC: [u8; 8] = *b"lunanet3";
 
-/// Who speaks to whom: by numbers that each opening of a side draws at random.
+/// Sender and receiver of a message: by numbers that each opening of a side draws at random.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Head {
     pub(crate) from: u64,

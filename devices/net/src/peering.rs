@@ -1,4 +1,4 @@
-//! The protocol of one opening of a side: who its partner is, and what is under way. It does no
+//! The protocol of one opening of a side: its partner, and what is under way. It does no
 //! input or output: zenoh's threads and the link's own put events in, and the latter takes
 //! messages out.
 
@@ -21,7 +21,7 @@ pub(crate) struct Peering {
     /// Another opening of the partner's role that says hello, and since when.
     rival: Option<(u64, Instant)>,
     is_over: bool,
-    /// What the partner was told of.
+    /// What was reported to the partner.
     reported: u64,
     pub(crate) end: Option<ChannelEnd>,
     pub(crate) owes_hello: bool,

@@ -1,4 +1,4 @@
-//! Who is connected to whom, as DDS discovers it.
+//! The connections, as DDS discovers them.
 
 use crate::Status;
 use crate::qos::disagreement;
@@ -21,7 +21,7 @@ pub(crate) struct Watched {
 
 pub(crate) struct Side {
     pub(crate) role: Role,
-    /// A service's is not known, so its topic tells.
+    /// A service's is not known, so its topic decides.
     pub(crate) guid: Option<GUID>,
     pub(crate) topic: String,
     pub(crate) kind: String,

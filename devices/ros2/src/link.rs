@@ -51,7 +51,7 @@ impl Link {
         }
     }
 
-    /// What it has done, and whom it is connected to.
+    /// What it has done, and its partners.
     pub fn status(&self) -> Status {
         self.status.clone()
     }

@@ -1,5 +1,5 @@
-//! A node: its name in the graph, its participant in DDS, and the thread that sees who comes and
-//! goes.
+//! A node: its name in the graph, its participant in DDS, and the thread that sees partners come
+//! and go.
 
 use crate::graph::Graph;
 use crate::{Message, Qos, Ros2Error, names};
@@ -161,7 +161,7 @@ impl Node {
     /// **Without [`Options::network`] only nodes of this computer are found**, and nothing is sent
     /// elsewhere. The sockets of RustDDS are open on all networks all the same: it cannot bind them
     /// to one, so a packet that comes from elsewhere is read. A firewall is what keeps them out.
-    /// There is no SROS2 security here: who reaches the ports can publish.
+    /// There is no SROS2 security here: any program that reaches the ports can publish.
     ///
     /// Not for the real-time path: it opens sockets, makes threads and waits for them. They have no
     /// real-time priority, whatever the calling thread has.

@@ -122,7 +122,7 @@ impl Node {
 }
 
 impl<M: Message> PublisherLink<M> {
-    /// What it has done, and whom it is connected to.
+    /// What it has done, and its partners.
     pub fn status(&self) -> Status {
         self.link.status()
     }

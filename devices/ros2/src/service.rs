@@ -178,7 +178,7 @@ impl Inner {
         Ok((server, self.sides(name, kind, Role::Reader)))
     }
 
-    /// The two topics of a service, for the one who has this role for requests.
+    /// The two topics of a service, for the side that has this role for requests.
     fn sides(&self, name: &Name, kind: &ServiceTypeName, requests: Role) -> Vec<Side> {
         let replies = match requests {
             Role::Writer => Role::Reader,

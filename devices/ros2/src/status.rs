@@ -4,7 +4,7 @@ use luna::{Buffer, Receiver, Sender};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// What a link has done, and whom it is connected to. It can be read at any time, by any thread,
+/// What a link has done, and its partners. It can be read at any time, by any thread,
 /// also after the link's end. The numbers are for the real-time path; the texts take a plain lock
 /// and allocate, and are not.
 #[derive(Debug, Clone)]
@@ -119,8 +119,8 @@ impl Status {
         self.0.unanswered.load(Relaxed)
     }
 
-    /// How many partners were found whose quality of service or type does not fit: no values go
-    /// between them and this side.
+    /// How many partners were found with a quality of service or type that does not fit: no values
+    /// go between them and this side.
     pub fn incompatible(&self) -> u64 {
         self.0.incompatible.load(Relaxed)
     }

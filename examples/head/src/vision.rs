@@ -16,7 +16,7 @@ const THRESHOLD: u8 = 30;
 /// So many of them at least, or it was not found.
 const FEWEST: usize = 6;
 
-/// Grey values without a target, of a generator whose numbers are the same in each run.
+/// Grey values without a target, of a generator with the same numbers in each run.
 #[derive(Debug, Clone)]
 pub struct Camera {
     noise: u32,

@@ -205,7 +205,7 @@ async fn keep_safe(
     let mut cycle = 0;
     let mut reported = safety.status();
     let (mut has_ahead, mut has_behind) = (true, true);
-    // A neighbour whose channel has ended is silent from now on.
+    // A neighbour with a channel that has ended is silent from now on.
     loop {
         pri_alt! {
             status = ahead.recv(), if has_ahead => match status {

@@ -15,8 +15,8 @@ const WAITING: usize = 1 << 16;
 /// A server for Foxglove and Lichtblick. Dropping it ends the server.
 ///
 /// Create it on an ordinary thread before the system runs: its thread inherits that thread's policy
-/// and cores. Viewers may come and go at any time. Everybody who reaches the address can look, and
-/// nobody can change anything.
+/// and cores. Viewers may come and go at any time. Any client that reaches the address can look,
+/// and nobody can change anything.
 pub struct Foxglove {
     context: Arc<Context>,
     address: SocketAddr,

@@ -15,7 +15,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// The limit of connections whose request is being read.
+/// The limit of connections with a request that is being read.
 const READING: usize = 32;
 /// The limit of connections that an answer is sent to.
 const ANSWERING: usize = 32;

@@ -48,7 +48,7 @@ pub(crate) struct Store {
     overviews: BTreeMap<u32, Overview>,
     cut: Instant,
     most_bytes: usize,
-    /// The first time of the recording, which all others are told from.
+    /// The first time of the recording, from which all others are counted.
     start: Option<u64>,
     /// The last time of a file, which was read as a whole.
     until: Option<u64>,
@@ -400,7 +400,7 @@ impl Store {
     }
 }
 
-/// When what the record tells of was; nothing for a declaration.
+/// When what the record reports was; nothing for a declaration.
 pub(crate) fn time(record: &Record<'_>) -> Option<u64> {
     match record {
         Record::Sample { time, .. }

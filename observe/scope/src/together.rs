@@ -39,7 +39,7 @@ impl Together {
         programs.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Shows what all programs have told until now, and what has waited for a silent one.
+    /// Shows what all programs have reported until now, and what has waited for a silent one.
     pub(crate) fn release(&self, shared: &Shared) {
         let Programs { merge, recording } = &mut *self.programs();
         let until = merge.complete_until(Instant::now());

@@ -63,8 +63,8 @@ fn all() -> Chain {
         .unwrap()
 }
 
-/// Runs a network made by `build` whose executor must not allocate or free while values come at
-/// its end. Returns the number of reported causes.
+/// Runs a network made by `build` on an executor that must not allocate or free while values come
+/// at its end. Returns the number of reported causes.
 fn run(
     build: impl FnOnce(&luna::Executor, [Receiver<f64>; 2], Receiver<u32>, Sender<f64>, Sender<Finding>),
 ) -> u32 {

@@ -222,7 +222,7 @@ impl Callbacks {
         }
     }
 
-    /// Calls a callback whose deadline has come, unless it was cancelled or set anew since; passes
+    /// Calls a callback at its deadline, unless it was cancelled or set anew since; passes
     /// its panic with its name to `on_panic`. Manager's thread alone.
     pub(super) fn call(
         &self,

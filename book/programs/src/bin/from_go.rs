@@ -1,4 +1,4 @@
-//! LUNA's side of the page for those who know Go: the same as `theirs/go/main.go`.
+//! LUNA's side of the page for readers with Go: the same as `theirs/go/main.go`.
 use luna::prelude::*;
 use std::time::Duration;
 

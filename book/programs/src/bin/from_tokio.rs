@@ -1,4 +1,4 @@
-//! LUNA's side of the page for those who know tokio: the same as `from_tokio_theirs`.
+//! LUNA's side of the page for readers with tokio: the same as `from_tokio_theirs`.
 // ANCHOR: actor
 use luna::channel::{Client, Server, call_channel};
 use luna::prelude::*;

@@ -1,4 +1,4 @@
-//! tokio's side of the page for those who know tokio.
+//! tokio's side of the page for readers with tokio.
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{MissedTickBehavior, interval, timeout};

@@ -18,7 +18,7 @@ use std::time::Duration;
 ///
 /// It goes by the clock of the calling thread. A bus is set up outside of its system, where a
 /// system's virtual clock does not run yet: [`on_virtual_time`](Self::on_virtual_time) has a
-/// network whose time advances by 10 µs a frame there, so that a test has one outcome.
+/// network on which time advances by 10 µs a frame there, so that a test has one outcome.
 #[derive(Debug, Clone)]
 pub struct Network {
     line: Arc<Mutex<Line>>,

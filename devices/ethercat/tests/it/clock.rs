@@ -15,7 +15,7 @@ const BOUND: u64 = 200;
 /// How long a frame takes from one subdevice to the next.
 const HOP: Duration = Duration::from_nanos(500);
 
-/// Runs a bus whose reference clock is fast by `drift` (ppm), and whose other clock is fast by
+/// Runs a bus with a reference clock that is fast by `drift` (ppm), and another that is fast by
 /// 30 ppm. Returns the greatest phase error of frames once settled (ns), and the learned rate.
 fn greatest_error(drift: f64, latency: Duration) -> (u64, f64) {
     let network = Network::on_virtual_time();

@@ -8,7 +8,7 @@ use luna_ethercat::{Fault, Health, Place, Sample, State};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A bus with a lamp that is to burn, whose safe value is off, and a drive that is watched.
+/// A bus with a lamp that is to burn, with the safe value off, and a drive that is watched.
 struct Run {
     system: System,
     network: Network,

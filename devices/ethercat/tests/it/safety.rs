@@ -9,7 +9,7 @@ use luna_ethercat::sim::{Network, Servo};
 use luna_ethercat::{BusProcess, State};
 use std::time::Duration;
 
-/// A brake whose safe value is on, and a drive that is to stop.
+/// A brake with the safe value on, and a drive that is to stop.
 fn spawn(system: &mut System, network: &Network, then: fn() -> luna::Result<()>) {
     let mut link = common::open(system, network).unwrap();
     let (brake, brakes) = register::<bool>();
@@ -111,7 +111,7 @@ fn the_end_of_the_writers_makes_the_outputs_safe() {
     common::open(&next, &network).unwrap();
 }
 
-/// A link in SAFE-OP with a brake whose safe value is on, and nothing written yet.
+/// A link in SAFE-OP with a brake that is safe when on, and nothing written yet.
 fn ready(system: &System, network: &Network) -> (BusProcess, Sender<bool>) {
     let mut link = common::open(system, network).unwrap();
     let (brake, brakes) = register::<bool>();

@@ -1,5 +1,5 @@
-//! Which processes read a blackboard: its readers write nothing, so the kernel is asked who holds
-//! their lock.
+//! Which processes read a blackboard: its readers write nothing, so the kernel is asked which
+//! processes hold their lock.
 
 use super::Found;
 use crate::files::byte_of;

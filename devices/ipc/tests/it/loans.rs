@@ -7,7 +7,7 @@ use luna::Policy;
 use luna_ipc::Endpoint;
 use std::path::Path;
 
-/// Larger than any thread's stack: whoever copied one on its way would overflow it.
+/// Larger than any thread's stack: a copy on its way would overflow it.
 type Huge = [u8; 16 << 20];
 static EMPTY: Huge = [0; 16 << 20];
 

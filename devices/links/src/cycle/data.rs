@@ -1,4 +1,4 @@
-//! Plain data that crosses to another computer, and how its type is told from others.
+//! Plain data that crosses to another computer, and how its type is distinguished from others.
 
 use luna::external::{FromBytes, ToBytes};
 use std::fmt;

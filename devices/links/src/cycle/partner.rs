@@ -6,7 +6,7 @@ use super::protocol::Moment;
 use luna::Instant;
 use luna::time::Stamp;
 
-/// How many datagrams back duplicates are told from overtaken ones.
+/// How many datagrams back duplicates are distinguished from overtaken ones.
 const WINDOW: u64 = 128;
 
 /// No partner sends so many datagrams between two that arrive: at 100 kHz it would take 11 hours.

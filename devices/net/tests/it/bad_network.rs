@@ -1,5 +1,5 @@
-//! Programs whose network loses, delays and reorders packets, and is cut for longer than a partner
-//! may be silent.
+//! Programs on a network that loses, delays and reorders packets, and is cut for longer than a
+//! partner may be silent.
 
 use crate::child::Program;
 use crate::kill::{check, folder, wait_for_progress};

@@ -138,7 +138,7 @@ fn connected(address: &str) -> Network {
     Network::open(&config.connect_within(Duration::from_secs(30))).unwrap()
 }
 
-/// Of programs that are killed, or whose network is bad.
+/// Of programs that are killed, or that have a bad network.
 fn drill(folder: &Path) -> Config {
     let file = folder.join("network.json5");
     let config = match file.exists() {

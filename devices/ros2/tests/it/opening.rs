@@ -73,7 +73,7 @@ fn a_virtual_clock_is_refused() {
     );
 }
 
-/// The threads of DDS have no real-time priority, whoever makes the node.
+/// The threads of DDS have no real-time priority, whichever thread makes the node.
 #[test]
 fn no_thread_of_the_node_has_a_real_time_priority() {
     own_process!();

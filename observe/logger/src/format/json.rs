@@ -6,7 +6,7 @@ use super::words::{Names, Words};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// A topic whose messages are JSON.
+/// A topic of JSON messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Topic {
     /// Its name, which begins with `/`.
@@ -20,7 +20,7 @@ pub struct Topic {
 }
 
 impl Topic {
-    /// A topic whose messages are objects with these properties.
+    /// A topic of messages that are objects with these properties.
     pub fn new(name: &str, schema_name: &str, properties: &serde_json::Value) -> Topic {
         let schema = json!({ "title": schema_name, "type": "object", "properties": properties });
         Topic {

@@ -1,4 +1,4 @@
-//! A record that waits until all programs have told of its time.
+//! A record that waits until all programs have reported up to its time.
 
 use super::Out;
 use luna_logger::format::{Event, Level, Record, Type, Values};

@@ -1,6 +1,6 @@
 //! Several programs as one recording: on one time axis, with the program's name before each name.
 //!
-//! Declarations are passed on at once. What has a time waits until all programs have told of later
+//! Declarations are passed on at once. What has a time waits until all programs have reported later
 //! ones, so that times are in order.
 
 mod files;
@@ -51,7 +51,7 @@ pub(crate) struct Merge {
     taken: u64,
     /// From the common clock to ns since 1970.
     day: Option<i64>,
-    /// The program whose counts of stolen time are taken: all read the same counts.
+    /// The program that gives the counts of stolen time: all read the same counts.
     counts_stolen: Option<u32>,
     /// The last time of a recording's end.
     end: Option<u64>,
@@ -275,7 +275,7 @@ impl Merge {
         }
     }
 
-    /// Until when all programs that are there and not silent have told what happened.
+    /// Until when all programs that are there and not silent have reported what happened.
     pub(crate) fn complete_until(&self, now: Instant) -> u64 {
         let heard = self.programs.iter().filter(|program| {
             program.is_live && now.saturating_duration_since(program.heard) < SILENCE

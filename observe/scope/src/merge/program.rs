@@ -20,7 +20,7 @@ pub(super) struct Program {
     pub(super) has_ended: bool,
     /// Counts the recordings that were its own, one after the other.
     pub(super) turn: u32,
-    /// The last time that it has told of, on the common clock.
+    /// The last time that it has reported, on the common clock.
     pub(super) last: u64,
     pub(super) heard: Instant,
     /// What is to be added to its times, when that is known.

@@ -115,7 +115,7 @@ impl Alphabets {
         }
     }
 
-    /// Who is told that a side has nothing on the other one.
+    /// The agents that are notified that a side has nothing on the other one.
     pub(super) fn closed(&self, channel: usize, side: Side) -> &[usize] {
         match side {
             Side::Send => &self.no_receiver[channel],
@@ -162,7 +162,7 @@ impl Writer<'_> {
         format!("{{{}}}", names.collect::<Vec<_>>().join(", "))
     }
 
-    /// The processes of which none is left where a side is told so, by their agents.
+    /// The processes at whose end a side is notified, when none of them is left: by their agents.
     pub(super) fn partners(&self, channel: usize, side: Side) -> Vec<usize> {
         let partners = self.network.channels[channel].partners(side).iter();
         partners
@@ -219,9 +219,9 @@ impl Writer<'_> {
                 (&names.no_receiver, Side::Send),
                 (&names.no_sender, Side::Receive),
             ] {
-                let told = self.alphabets.closed(number, side);
-                if !told.is_empty() {
-                    let _ = writeln!(text, "channel {name} : {}", self.agents(told));
+                let notified = self.alphabets.closed(number, side);
+                if !notified.is_empty() {
+                    let _ = writeln!(text, "channel {name} : {}", self.agents(notified));
                 }
             }
         }
@@ -304,11 +304,11 @@ impl Writer<'_> {
                 (&names.no_receiver, Side::Send),
                 (&names.no_sender, Side::Receive),
             ] {
-                let told = alphabets.closed(number, side);
-                if told.contains(&agent) {
+                let notified = alphabets.closed(number, side);
+                if notified.contains(&agent) {
                     events.push(format!("{name}.{own}"));
                 }
-                if !told.is_empty() && self.partners(number, side).contains(&agent) {
+                if !notified.is_empty() && self.partners(number, side).contains(&agent) {
                     events.push(name.clone());
                 }
             }

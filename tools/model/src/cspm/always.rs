@@ -31,7 +31,7 @@ pub(super) enum Seen {
     At(Vec<usize>),
 }
 
-/// A property whose names are the numbers of its fields.
+/// A property, named by the numbers of its fields.
 #[derive(Debug)]
 pub(super) struct Property {
     pub(super) fields: Vec<Field>,

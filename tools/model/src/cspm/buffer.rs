@@ -87,8 +87,8 @@ impl Writer<'_> {
             offers.push(format!("(({length} > 0) & ({get}))"));
         }
         if !self.alphabets.closed(channel, Side::Receive).is_empty() {
-            let told = format!("{}?receiver -> {}", names.no_sender, this(content));
-            offers.push(format!("(({length} == 0) & ({told}))"));
+            let end_notice = format!("{}?receiver -> {}", names.no_sender, this(content));
+            offers.push(format!("(({length} == 0) & ({end_notice}))"));
         }
         if counts_receivers {
             let next = format!("{}({content}, diff(live, {{other}}))", names.process);

@@ -6,7 +6,7 @@
 //!
 //! - A place of a body is a definition, with the variables that the body uses as its parameters.
 //! - A wait is an external choice. `choose` and `skip` are events `choose.process.line` of the
-//!   process alone, not `|~|`: so a counterexample tells the branch, and a loop of choices is
+//!   process alone, not `|~|`: so a counterexample names the branch, and a loop of choices is
 //!   guarded. They are hidden for the question of divergence, which makes them internal choices.
 //!   `after` and actions are events that stay visible: what waits for a time does not diverge.
 //! - A rendezvous is `channel.sender.receiver.value`, and in the alphabets of these two only; a

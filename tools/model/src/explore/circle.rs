@@ -1,4 +1,4 @@
-//! Who waits for whom.
+//! Which process waits for which.
 
 use super::state::{Semantics, State};
 use crate::network::Label;

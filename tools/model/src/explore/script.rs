@@ -13,7 +13,7 @@
 //! a waits: send c                    at the end; receive c, stop
 //! ```
 //!
-//! Names of a model have no spaces, `:`, `>`, `(` or `#`, so the lines can be told apart.
+//! Names of a model have no spaces, `:`, `>`, `(` or `#`, so the lines are distinct.
 
 use super::state::{Move, Semantics, State};
 use super::words;
@@ -80,7 +80,7 @@ fn line(semantics: &Semantics<'_>, state: &State, step: Move) -> String {
     format!("# {}", words::trace_step(semantics, state, step))
 }
 
-/// What is waited for, each once: branches of a process are not told apart.
+/// What is waited for, each once: branches of a process are not distinguished.
 fn waits(semantics: &Semantics<'_>, state: &State) -> BTreeSet<String> {
     let network = semantics.network;
     let mut found = BTreeSet::new();

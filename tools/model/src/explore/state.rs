@@ -21,7 +21,7 @@ pub(super) const MAX_LOCAL_STEPS: usize = 100_000;
 /// So many branches that begin and end by themselves, one after the other, are taken to do so too.
 pub(super) const MAX_DEPTH: usize = 500;
 
-/// What an agent does, and who takes part.
+/// What an agent does, and its partners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct Move {
     pub(crate) agent: usize,

@@ -39,7 +39,7 @@ pub(crate) fn trace_step(semantics: &Semantics<'_>, state: &State, step: Move) -
     said.step(semantics.network)
 }
 
-/// A move, as far as it is to be told.
+/// A move, as far as it is to be shown.
 pub(crate) struct Said<'a> {
     pub(crate) agent: usize,
     pub(crate) edge: &'a Edge,

@@ -6,7 +6,7 @@ use crate::language::expr::Expr;
 use crate::language::parser::Path;
 use std::collections::BTreeSet;
 
-/// The names whose values may still be read.
+/// The names of values that may still be read.
 type Live = BTreeSet<String>;
 
 /// Those that are read before they are set, and those that are set to what nothing reads.

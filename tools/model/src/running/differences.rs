@@ -141,7 +141,7 @@ impl Found {
         });
     }
 
-    /// Parts of the model whose names cannot be told apart in the system.
+    /// Parts of the model with names that cannot be distinguished in the system.
     fn same_names<'a, T: 'a>(
         &mut self,
         part: &'static str,

@@ -5,7 +5,7 @@ use luna::inspect::{ChannelKind, ChannelPart, Composition, EndUser, ThreadKind};
 
 impl Recorded {
     /// What a system consists of at this moment. A channel without a name has the place in the
-    /// program at which it was made. A buffer that overwrites is not told from a FIFO.
+    /// program at which it was made. A buffer that overwrites cannot be distinguished from a FIFO.
     ///
     /// Not real-time: it allocates.
     #[must_use]

@@ -139,10 +139,10 @@ fn what_was_seen_repeats_itself() {
     assert_eq!(set[0], ms(4.5 + 1.0 - 2.0));
     assert!(Seen::of(&releases[..1]).is_none());
     assert!(Seen::of(&[ms(1.0), ms(1.0)]).is_none());
-    let mut crowd = vec![ms(1.0); PREFIX + 1];
-    crowd.push(ms(2.0));
-    assert!(Seen::of(&crowd).is_none());
-    assert!(Seen::of(&crowd[1..]).is_some());
+    let mut many = vec![ms(1.0); PREFIX + 1];
+    many.push(ms(2.0));
+    assert!(Seen::of(&many).is_none());
+    assert!(Seen::of(&many[1..]).is_some());
 }
 
 #[test]

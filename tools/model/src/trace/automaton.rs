@@ -36,7 +36,7 @@ const MAX_SHARE: usize = 16;
 #[derive(Debug)]
 pub(super) struct Automaton<'a> {
     pub(super) semantics: Semantics<'a>,
-    /// Channels whose communications are not recorded.
+    /// Channels without recorded communications.
     hidden: Vec<bool>,
     /// Processes that the recording does not know: what they do may be recorded by their partners,
     /// or not at all.

@@ -65,7 +65,7 @@ pub struct TraceOptions {
     /// Communications that two threads have recorded at times that differ by at most so many
     /// nanoseconds may have happened in either order.
     pub skew: u64,
-    /// Channels of the model, by their places, whose communications are not recorded.
+    /// Channels of the model, by their places, without recorded communications.
     pub hidden: Vec<usize>,
     /// Processes of the model, by their places, that are not in the recorded system. What they do
     /// is recorded by their partners, or not at all.

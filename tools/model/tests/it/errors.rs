@@ -1,4 +1,4 @@
-//! What is wrong in a model is said with its place, and nothing makes the reader panic.
+//! What is wrong in a model is reported with its place, and nothing makes the reader panic.
 
 use luna_model::{Model, TEMPLATE};
 use proptest::prelude::*;

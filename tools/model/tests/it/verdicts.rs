@@ -145,16 +145,16 @@ fn values_stay_in_their_ranges() {
         assert_eq!(kinds(explored), [FindingKind::Assertion]);
         explored.findings[0].there[0].clone()
     };
-    let told = broken(&pair(
+    let report = broken(&pair(
         "type = '0..3'",
         "for k in 0..9 { c!k }",
         "loop { c?x }",
     ));
-    assert_eq!(told, "a sends 4 on c, whose values are 0..3, line 4");
-    let told = broken(&pair("type = '0..20'", "c!12", "c?x"));
-    assert_eq!(told, "b sets x to 12, whose values are 0..9, line 8");
-    let told = broken(&pair("", "x = 8 / x; c!", "c?"));
-    assert_eq!(told, "a divides by zero, line 4");
+    assert_eq!(report, "a sends 4 on c, whose values are 0..3, line 4");
+    let report = broken(&pair("type = '0..20'", "c!12", "c?x"));
+    assert_eq!(report, "b sets x to 12, whose values are 0..9, line 8");
+    let report = broken(&pair("", "x = 8 / x; c!", "c?"));
+    assert_eq!(report, "a divides by zero, line 4");
 }
 
 #[test]

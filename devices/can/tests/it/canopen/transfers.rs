@@ -134,9 +134,9 @@ fn without_an_answer_a_transfer_times_out_and_the_next_is_as_usual() {
             sdo.upload(NAME).await,
             Err(SdoError::TimedOut { .. })
         ));
-        let told = luna::now();
+        let begun = luna::now();
         assert_eq!(sdo.upload(NAME).await?, b"a drive with a long name");
-        assert!(luna::now() - told >= TIMEOUT);
+        assert!(luna::now() - begun >= TIMEOUT);
         drop(control);
         Ok(())
     });
@@ -157,15 +157,15 @@ fn without_an_answer_a_transfer_times_out_and_the_next_is_as_usual() {
     assert_eq!(lost.1.try_iter().collect::<Vec<_>>(), [true; 5]);
 }
 
-/// Answers each request of a client with the next of these bytes, and gives the last that it was
-/// told.
+/// Answers each request of a client with the next of these bytes, and returns the last frame
+/// that it received.
 async fn answer(server: &Node, answers: &[[u8; 8]]) -> luna::Result<[u8; 8]> {
     for answer in answers {
         server.received.recv().await?;
         server.send.send(frame(id().sdo_response(), answer)).await?;
     }
-    let told = server.received.recv().await?;
-    Ok(told.data().try_into().unwrap())
+    let last = server.received.recv().await?;
+    Ok(last.data().try_into().unwrap())
 }
 
 #[test]
@@ -223,9 +223,9 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
     let expected: Vec<AbortCode> = cases.iter().map(|(_, code)| *code).collect();
     bench.main.process("answers").spawn_ok(async move {
         for (answers, code) in cases {
-            let told = answer(&server, &answers).await?;
-            assert_eq!(told[..4], [0x80, 0x08, 0x10, 0]);
-            assert_eq!(told[4..], code.0.to_le_bytes());
+            let last = answer(&server, &answers).await?;
+            assert_eq!(last[..4], [0x80, 0x08, 0x10, 0]);
+            assert_eq!(last[4..], code.0.to_le_bytes());
         }
         Ok(())
     });

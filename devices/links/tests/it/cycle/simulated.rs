@@ -142,7 +142,7 @@ impl World {
         assert_eq!(status.received(), seen.count);
         assert_eq!(status.lost(), seen.lost);
         assert_eq!(seen.lost + seen.count, last - seen.first + 1);
-        // None came so late that duplicates are not told from overtaken ones.
+        // None came so late that duplicates cannot be distinguished from overtaken ones.
         let again: u64 = seen.arrivals.values().map(|times| times - 1).sum();
         let early = seen
             .arrivals

@@ -52,10 +52,10 @@ fn expected(explored: &Exploration, text: &str) -> Verdict {
 }
 
 /// Both verdicts. Nothing if there are too many states.
-fn compare(model: &Model, most: usize, told: &str) -> Option<Verdict> {
+fn compare(model: &Model, most: usize, described: &str) -> Option<Verdict> {
     let text = model
         .to_cspm()
-        .unwrap_or_else(|error| panic!("{error}\n{told}"));
+        .unwrap_or_else(|error| panic!("{error}\n{described}"));
     let script = parser::parse(&text);
     names::check(&script);
     let explored = model.explore(most);
@@ -71,7 +71,7 @@ fn compare(model: &Model, most: usize, told: &str) -> Option<Verdict> {
             *found |= *wanted;
         }
     }
-    assert_eq!(found, wanted, "{told}\n{text}\n{explored:#?}");
+    assert_eq!(found, wanted, "{described}\n{text}\n{explored:#?}");
     Some(wanted)
 }
 
