@@ -9,8 +9,8 @@
 //! gone, which by default is an emergency.
 //!
 //! [`Node`] is for drivers: it opens a device file, and turns the system's refusal into an error
-//! with a remedy. [`SetPoints`] is the end of a channel that a driver writes from, with the age of its
-//! newest value.
+//! with a remedy. [`SetPoints`] is the end of a channel that a driver takes its outputs from, with
+//! the age of the newest value.
 //!
 //! ```
 //! use luna::devices::{DeviceState, Sharing};

@@ -125,13 +125,15 @@ impl Inheritance {
         unsafe { self.thread.load(Ordering::Acquire).as_ref() }
     }
 
-    /// Takes the thread of its executor, which is the calling one. `false`: the thread is no
-    /// executor's.
+    /// Keeps a reference to the calling thread, which is that of the process' executor. Called once
+    /// at most. Returns whether the thread is an executor's.
     #[cold]
     pub(super) fn take_thread(&self) -> bool {
         let Some(thread) = super::EXECUTOR_THREAD.with(|slot| slot.borrow().clone()) else {
             return false;
         };
+        // A second store would leak the first reference, and give `counts` another lock.
+        debug_assert!(self.thread().is_none(), "the thread is set once");
         let thread = Arc::into_raw(thread).cast_mut();
         self.thread.store(thread, Ordering::Release);
         true

@@ -94,7 +94,9 @@ where
     // published, and from then on it belongs to the threads that take it.
     unsafe {
         let this = task.as_ref();
-        // Its own failure counts more than a cancellation that came in the same poll.
+        // Its own failure counts more than a cancellation that came in the same poll, and than a
+        // value. Such a value is dropped here, before the body: if that panics, the process has
+        // panicked.
         if this.process.has_failed() && !end.is_panic() {
             end = End::Completed(F::Output::failed());
         }

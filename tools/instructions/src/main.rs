@@ -30,7 +30,8 @@ Usage: luna-instructions [gate | show | record | events] [OPERATION]...
   gate     holds the counts against the recorded ones, and fails when they differ by too much (default)
   show     prints where an operation's instructions and atomic read-modify-writes are
   record   writes the counts to tools/instructions/recorded.txt
-  events   as gate; then holds the counts with CSP events compiled in, and not recorded, against those without, and fails when they are too many more
+  events   as gate; then counts with CSP events compiled in and not recorded,
+           and fails when these counts exceed those without events by too much
 
 An OPERATION is a part of a name; without any, all are counted.";
 

@@ -162,7 +162,7 @@ impl Writer<'_> {
         format!("{{{}}}", names.collect::<Vec<_>>().join(", "))
     }
 
-    /// The processes at whose end a side is notified, when none of them is left: by their agents.
+    /// The agents of the processes that a side waits for: it is notified when none of them is left.
     pub(super) fn partners(&self, channel: usize, side: Side) -> Vec<usize> {
         let partners = self.network.channels[channel].partners(side).iter();
         partners
