@@ -216,3 +216,53 @@ fn a_failure_counts_more_than_a_cancellation_in_the_same_poll() {
         assert!(process.take_exit_value::<Failed>().unwrap().0);
     }
 }
+
+/// An exit value that panics when it is dropped, if it is to.
+struct Spiteful {
+    panics: bool,
+    is_failure: bool,
+}
+
+impl ExitValue for Spiteful {
+    fn failed() -> Self {
+        Self {
+            panics: false,
+            is_failure: true,
+        }
+    }
+
+    fn is_nothing(&self) -> bool {
+        false
+    }
+}
+
+impl Drop for Spiteful {
+    fn drop(&mut self) {
+        assert!(!self.panics, "on purpose");
+    }
+}
+
+#[test]
+fn a_value_that_comes_with_a_failure_is_dropped_before_the_process_ends() {
+    quiet_panics();
+    let executor = Executor::start(Attributes::new("main")).unwrap();
+    let start = |name: &'static str, panics: bool| {
+        let body = move || async move {
+            fail_current();
+            Spiteful {
+                panics,
+                is_failure: false,
+            }
+        };
+        let (announced, process) = executor.handle().announce(ProcessSpec::new(name), body);
+        assert!(announced.start().is_none());
+        process
+    };
+    let failed = start("failed", false);
+    let panicked = start("panicked", true);
+    executor.release();
+    assert_eq!(failed.wait(), Exit::Completed);
+    assert!(failed.take_exit_value::<Spiteful>().unwrap().is_failure);
+    assert!(matches!(panicked.wait(), Exit::Panicked(_)));
+    assert!(panicked.take_exit_value::<Spiteful>().is_none());
+}
