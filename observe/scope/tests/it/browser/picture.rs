@@ -94,7 +94,7 @@ fn is_content_with_the_parser(browser: &Browser) {
     for complaint in browser.complaints() {
         let is_of_the_parser = ["Applying inline style", "Executing inline event handler"]
             .iter()
-            .any(|start| complaint.contains(&format!("text: \"{start} violates")));
+            .any(|start| complaint.contains(&format!("\"text\":\"{start} violates")));
         assert!(is_of_the_parser, "{complaint}");
     }
 }
