@@ -59,6 +59,10 @@ pub(crate) fn play(
     // With a deadline, so that the system is never quiescent. Otherwise the thread that looks for a
     // deadlock would come, from another core, and hold the locks meanwhile.
     let never = || after(Duration::from_secs(100_000));
+    // The thread that starts both is an ordinary one. On a busy machine it starts the low side long
+    // after the high side.
+    let (has_begun, low_begins) = luna::channel::<()>();
+    let (has_begun, low_begins) = (has_begun.external(), low_begins.external());
     let high = Side {
         name: "high",
         place: high,
@@ -70,6 +74,7 @@ pub(crate) fn play(
                     poll_once(&mut far).await;
                 }
                 let mut side = High::new(for_high, places, rounds, Random::new(seed));
+                low_begins.recv().await.unwrap();
                 for (name, scene) in of_high {
                     side.enter(name);
                     scene(&mut side).await;
@@ -89,6 +94,7 @@ pub(crate) fn play(
                     poll_once(&mut far).await;
                 }
                 let mut side = Low::new(for_low, Random::new(seed ^ 1));
+                has_begun.send(()).await.unwrap();
                 for scene in of_low {
                     scene(&mut side).await;
                     side.leave();
