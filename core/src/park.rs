@@ -374,9 +374,16 @@ mod loom_tests {
         });
     }
 
+    /// Of three threads: without a bound a model takes up to four minutes.
+    fn check_within(preemptions: usize, model: impl Fn() + Send + Sync + 'static) {
+        let mut builder = loom::model::Builder::new();
+        builder.preemption_bound.get_or_insert(preemptions);
+        builder.check(model);
+    }
+
     #[test]
     fn two_wakes_end_one_park_or_two() {
-        loom::model(|| {
+        check_within(4, || {
             let parker = Arc::new(Parker::new());
             let wakers = [parker.clone(), parker.clone()]
                 .map(|parker| thread::spawn(move || parker.unpark()));
@@ -395,10 +402,7 @@ mod loom_tests {
     /// Of two wakers, each is seen by the thread, or knows that it is not.
     #[test]
     fn a_waker_that_finds_the_thread_parked_is_seen() {
-        let mut model = loom::model::Builder::new();
-        // Without a bound it takes four minutes.
-        model.preemption_bound = model.preemption_bound.or(Some(3));
-        model.check(|| {
+        check_within(3, || {
             let shared = Arc::new((Parker::new(), AtomicU32::new(0)));
             let wakers = [1, 2].map(|work| {
                 let shared = shared.clone();
@@ -420,7 +424,7 @@ mod loom_tests {
 
     #[test]
     fn a_late_ring_of_one_park_does_not_hide_that_of_the_next() {
-        loom::model(|| {
+        check_within(4, || {
             let parker = Arc::new(Parker::new());
             let (one, two) = (parker.clone(), parker.clone());
             let first = thread::spawn(move || one.unpark());

@@ -321,7 +321,8 @@ fn quiescence_is_not_seen_while_the_answer_to_a_wake_is_under_way() {
 #[test]
 fn a_call_on_the_pool_is_seen_until_its_wake_was_made() {
     let mut builder = loom::model::Builder::new();
-    builder.preemption_bound = builder.preemption_bound.or(Some(3));
+    // Three take two minutes.
+    builder.preemption_bound = builder.preemption_bound.or(Some(2));
     builder.check(|| {
         let ring = Ring::new(0);
         // Thread 1 has ended its work for good; thread 0 has begun a call. The call's end wakes it.

@@ -332,7 +332,10 @@ mod model {
 
     #[test]
     fn one_at_a_time_of_three() {
-        loom::model(|| {
+        let mut builder = loom::model::Builder::new();
+        // Without a bound it takes a minute.
+        builder.preemption_bound.get_or_insert(4);
+        builder.check(|| {
             let lock = biased_lock();
             let others = [false, true].map(|briefly| {
                 let other = lock.clone();
