@@ -23,26 +23,6 @@ pub(crate) struct GuardedWaitPoint<S> {
 unsafe impl<S: Send> Sync for GuardedWaitPoint<S> {}
 
 impl<S> GuardedWaitPoint<S> {
-    /// # Safety
-    ///
-    /// It is [registered](Self::register) next.
-    #[track_caller]
-    pub(crate) unsafe fn new(kind: WaitPointKind, state: S) -> Self {
-        Self {
-            wait_point: WaitPoint::new(Identity::new(kind)),
-            state: UnsafeCell::new(state),
-        }
-    }
-
-    /// # Safety
-    ///
-    /// It is called once, and this stays where it is until it is dropped.
-    pub(crate) unsafe fn register(&self) {
-        // SAFETY: this stays where it is until its drop takes it off the register. It stores no
-        // values, so its `stored` looks at nothing.
-        unsafe { register(NonNull::from(&self.wait_point)) };
-    }
-
     /// Access to the state.
     ///
     /// # Panics
@@ -70,10 +50,13 @@ impl<S: Send + 'static> GuardedWaitPoint<S> {
     /// One that several handles share.
     #[track_caller]
     pub(crate) fn share(kind: WaitPointKind, state: S) -> Shared<Self> {
-        // SAFETY: it is registered next.
-        let shared = Shared::new(unsafe { Self::new(kind, state) });
-        // SAFETY: it is new, and stays in its allocation.
-        unsafe { shared.register() };
+        let shared = Shared::new(Self {
+            wait_point: WaitPoint::new(Identity::new(kind)),
+            state: UnsafeCell::new(state),
+        });
+        // SAFETY: it stays in its allocation until its drop takes it off the register. It stores no
+        // values, so its `stored` looks at nothing.
+        unsafe { register(NonNull::from(&shared.wait_point)) };
         shared
     }
 }

@@ -5,6 +5,7 @@ use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
+use core::hint::black_box;
 use core::ptr::NonNull;
 use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Inheritor, PlainTurn, ProcessId, User};
@@ -484,36 +485,8 @@ impl WaitPoint {
         }
     }
 
-    /// Locks for the executor that owns the bias: see [`BiasedLock::lock_if_biased`].
-    #[inline(always)]
-    pub(crate) fn lock_if_biased(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Option<InsideGuard<'_, WaitQueues>> {
-        let mut lists = self.lock.lock_if_biased(turn)?;
-        lists.list_lone();
-        Some(lists)
-    }
-
-    /// As [`lock_if_biased`](Self::lock_if_biased), to the executor with this number.
-    ///
-    /// # Safety
-    ///
-    /// This thread is the executor of that number.
-    #[inline(always)]
-    pub(crate) unsafe fn lock_if_biased_to(
-        &self,
-        executor: u64,
-    ) -> Option<InsideGuard<'_, WaitQueues>> {
-        // SAFETY: this thread is the executor of that number, as is demanded here: all that the
-        // lock demands.
-        let mut lists = unsafe { self.lock.lock_if_biased_to(executor) }?;
-        lists.list_lone();
-        Some(lists)
-    }
-
-    /// As [`lock_if_biased`](Self::lock_if_biased), for the fast path: an operation that waits
-    /// alone is not listed. See [`BiasedLock::enter_trusted`].
+    /// Locks for the executor that owns the bias: see [`BiasedLock::enter_trusted`]. An operation
+    /// that waits alone is not listed.
     ///
     /// # Safety
     ///
@@ -537,6 +510,16 @@ impl WaitPoint {
     /// See [`BiasedLock::after_revocation`].
     pub(crate) fn after_revocation(&self) {
         self.lock.after_revocation();
+    }
+
+    /// As [`after_revocation`](Self::after_revocation), for a caller that ends by this call.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn revoked<R>(&self, result: R) -> R {
+        self.after_revocation();
+        // Not to be seen through: a known result would be set after a call, which then is no tail
+        // call.
+        black_box(result)
     }
 
     /// As [`enter`](Self::enter), whatever refuses it.

@@ -195,21 +195,14 @@ impl<T> BiasedLock<T> {
         self.lock_as(current::executor_number())
     }
 
-    /// Locks if the lock is biased to the executor of this turn, without any atomic
+    /// Locks if the lock is biased to the executor with this number, without any atomic
     /// read-modify-write.
-    #[inline(always)]
-    pub fn lock_if_biased(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
-        // SAFETY: a turn is that of the calling thread.
-        unsafe { self.lock_if_biased_to(turn.executor_number()) }
-    }
-
-    /// As [`lock_if_biased`](Self::lock_if_biased), to the executor with this number.
     ///
     /// # Safety
     ///
     /// The calling thread is that of the executor, or the number is 0.
     #[inline(always)]
-    pub unsafe fn lock_if_biased_to(&self, executor: u64) -> Option<InsideGuard<'_, T>> {
+    unsafe fn lock_if_biased_to(&self, executor: u64) -> Option<InsideGuard<'_, T>> {
         // Acquire, here and below: pairs with the store that restores the bias, so that the owner
         // sees what was done during a brief revocation.
         if self.bias.load(Ordering::Acquire) != executor {
@@ -225,9 +218,9 @@ impl<T> BiasedLock<T> {
         None
     }
 
-    /// As [`lock_if_biased`](Self::lock_if_biased), for a critical section that runs no user
-    /// code and waits for no other lock: it is not checked whether the thread holds the lock
-    /// already.
+    /// Locks if the lock is biased to the executor of this turn, without any atomic
+    /// read-modify-write. For a critical section that runs no user code and waits for no other
+    /// lock: it is not checked whether the thread holds the lock already.
     ///
     /// # Safety
     ///

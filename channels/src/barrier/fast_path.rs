@@ -3,20 +3,19 @@
 //! It gives the same results as [`SyncOp::look`](super::SyncOp::look) and
 //! [`Meeting::release`], without branches for what is not there: the lock is biased to the
 //! executor, the turn is a plain one, and no alternative offers the barrier. So no waker is cloned
-//! or called, and no user code runs. Whenever one of these conditions does not hold, no state has
-//! changed, and the party takes the slow path.
+//! or called, and no user code runs: a party is woken under the lock, by stores to this thread's run
+//! queue. Whenever one of these conditions does not hold, no state has changed, and the party takes
+//! the slow path.
 //!
 //! A node that was listed here is marked so ([`Waiter::begin_plain`]). A party that finds it here
 //! knows that its process belongs to this very executor: only the executor that owns the bias comes
 //! here, and a lock is biased to no second one.
 
 use super::{Barrier, Meeting};
-use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
-use core::mem::MaybeUninit;
 use core::ptr::NonNull;
-use luna_core::biased_lock::{InsideGuard, Refused};
-use luna_core::current::{PlainPendingWake, PlainTurn};
+use luna_core::biased_lock::Refused;
+use luna_core::current::PlainTurn;
 
 /// The most parties that are released in one critical section.
 const TOGETHER: usize = 16;
@@ -55,89 +54,77 @@ impl Barrier {
         let mut lists = match unsafe { meeting.enter(turn) } {
             Ok(lists) => lists,
             Err(Refused::NotBiased) => return Arrival::SlowPath,
-            Err(Refused::Revoked) => return meeting.revoked(),
+            Err(Refused::Revoked) => return meeting.revoked(Arrival::SlowPath),
+        };
+        let waits_for = meeting.state(&mut lists, |round, _| {
+            if round.offering > 0 || round.arrived + 1 >= round.parties {
+                return None;
+            }
+            round.arrived += 1;
+            Some(round.number)
+        });
+        let Some(number) = waits_for else {
+            lists.keep();
+            // SAFETY: the lock was kept.
+            return unsafe { meeting.complete_plain(turn) };
         };
         // SAFETY: the lists are this barrier's, and the lock is held. The node is in none of them,
         // and stays where it is.
         unsafe {
-            let came = meeting.state(&mut lists, |round, _| {
-                if round.offering > 0 {
-                    return Arrival::SlowPath;
-                }
-                round.arrived += 1;
-                if round.arrived < round.parties {
-                    Waiter::begin_plain(node, turn);
-                    (*Waiter::link(node)).ticket = round.number;
-                    return Arrival::Waits;
-                }
-                round.arrived = 0;
-                round.number = round.number.wrapping_add(1);
-                Arrival::Completes
-            });
-            if came != Arrival::Completes {
-                if came == Arrival::Waits {
-                    lists.senders.insert_again(node.cast());
-                }
-                return came;
-            }
-            let WaitQueues { senders, held, .. } = &mut *lists;
-            held.append(senders);
-            meeting.release_plain(lists, turn)
+            Waiter::begin_plain(node, turn);
+            (*Waiter::link(node)).ticket = number;
+            lists.senders.insert_again(node.cast());
+        }
+        match lists.leave() {
+            true => Arrival::Waits,
+            false => meeting.revoked(Arrival::Waits),
         }
     }
 }
 
 impl Meeting {
-    #[cold]
-    fn revoked(&self) -> Arrival {
-        self.after_revocation();
-        Arrival::SlowPath
-    }
-
-    /// Releases members of completed rounds, as long as they were listed here; then the process
-    /// that has completed one is done.
+    /// Completes the round, unless an alternative offers the barrier, and releases members of
+    /// completed rounds as long as they were listed here and live. A function of its own, so that
+    /// no register is saved for it where the party waits.
     ///
     /// # Safety
     ///
-    /// `lists` are this barrier's.
-    #[inline]
-    unsafe fn release_plain<'a>(
-        &'a self,
-        mut lists: InsideGuard<'a, WaitQueues>,
-        turn: PlainTurn<'_>,
-    ) -> Arrival {
-        let mut pending = [const { MaybeUninit::<PlainPendingWake>::uninit() }; TOGETHER];
-        // In each round the first `count` places are written, and taken once.
-        // SAFETY: the lock is held, and biased to this thread's executor: plain wake handles were
-        // made here. A listed node is a live waiter, and is not touched after it was settled.
-        unsafe {
-            loop {
-                let mut count = 0;
-                while count < TOGETHER
+    /// The lock was kept, by the party that comes last.
+    #[inline(never)]
+    unsafe fn complete_plain(&self, turn: PlainTurn<'_>) -> Arrival {
+        // SAFETY: the lock was kept, and is taken back once.
+        let mut lists = unsafe { self.kept(turn) };
+        let is_plain = self.state(&mut lists, |round, _| round.offering == 0);
+        if !is_plain || !self.complete_with(&mut lists, 1) {
+            return Arrival::SlowPath;
+        }
+        loop {
+            let mut left = TOGETHER;
+            // SAFETY: the lock is held, and biased to this thread's executor. A listed node is a
+            // live waiter, and is not touched after it was settled.
+            unsafe {
+                while left > 0
                     && let Some(first) = lists.held.first()
-                    && let Some(ready) = Waiter::take_plain_wake_handle(first.cast::<Waiter<()>>())
+                    && Waiter::wake_plain(first.cast::<Waiter<()>>())
                 {
                     lists.held.remove_first(first);
                     Waiter::settle_plain(first.cast::<Waiter<()>>());
-                    pending[count].write(ready);
-                    count += 1;
-                }
-                let is_last = lists.held.is_empty();
-                drop(lists);
-                for ready in &pending[..count] {
-                    ready.assume_init_read().wake();
-                }
-                if is_last {
-                    return match turn.yields_after_operation() {
-                        true => Arrival::GaveWay,
-                        false => Arrival::Done,
-                    };
-                }
-                match self.lock_if_biased(turn) {
-                    Some(again) if count > 0 => lists = again,
-                    _ => return Arrival::Completes,
+                    left -= 1;
                 }
             }
+            let is_last = lists.held.is_empty();
+            drop(lists);
+            if is_last {
+                return match turn.yields_after_operation() {
+                    true => Arrival::GaveWay,
+                    false => Arrival::Done,
+                };
+            }
+            // SAFETY: the lock was released just now.
+            lists = match unsafe { self.try_enter(turn) } {
+                Some(again) if left == 0 => again,
+                _ => return Arrival::Completes,
+            };
         }
     }
 }

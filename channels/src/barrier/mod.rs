@@ -233,6 +233,7 @@ impl Meeting {
     /// Completes the round if enough have come together with `more` unlisted parties. The waiting
     /// parties are then to be [released](Self::release), without the lock. O(parties that are
     /// alternatives). `lists` are those of this barrier.
+    #[inline]
     fn complete_with(&self, lists: &mut WaitQueues, more: usize) -> bool {
         let (missing, offering) = self.state(lists, |round, _| {
             let come = round.arrived + round.offering + more;
@@ -268,6 +269,7 @@ impl Meeting {
     /// # Safety
     ///
     /// `lists` are those of this barrier.
+    #[inline(never)]
     unsafe fn commit_offering(&self, lists: &mut WaitQueues, more: usize) -> bool {
         // SAFETY: the lists are this barrier's, so their nodes are live waiters that the held lock
         // guards, and by `Meeting`'s invariants lead to select states that need their commit lock,

@@ -30,7 +30,6 @@ use crate::alternative::{Commit, commit, take_first};
 use crate::select_state::SelectState;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
-use core::hint::black_box;
 use core::ptr::NonNull;
 use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{PlainPendingWake, PlainTurn};
@@ -92,7 +91,7 @@ unsafe fn meet<const SEND: bool>(
     let lists = match unsafe { wait_point.enter(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,
-        Err(Refused::Revoked) => return revoked(wait_point, FastPath::No),
+        Err(Refused::Revoked) => return wait_point.revoked(FastPath::No),
     };
     // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and no
     // other thread accesses its value; it belongs to a process of this executor. A sender's node
@@ -172,7 +171,7 @@ pub(super) unsafe fn wait_alone<const SEND: bool>(
     lists.note_user(SEND, user);
     lists.set_alone(node.cast(), SEND);
     if !lists.leave() {
-        return revoked(wait_point, FastPath::Waits);
+        return wait_point.revoked(FastPath::Waits);
     }
     FastPath::Waits
 }
@@ -287,15 +286,6 @@ unsafe fn move_value(wait_point: &WaitPoint, from: NonNull<Waiter<()>>, to: NonN
             None => Waiter::move_word(from, to),
         }
     }
-}
-
-/// The owner has left, and found the bias revoked.
-#[cold]
-#[inline(never)]
-fn revoked(wait_point: &WaitPoint, result: FastPath) -> FastPath {
-    wait_point.after_revocation();
-    // Not to be seen through: a known result would be set after a call, which then is no tail call.
-    black_box(result)
 }
 
 /// As the rest of [`part`].

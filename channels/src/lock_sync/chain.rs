@@ -44,9 +44,9 @@ pub(super) fn follow(changed: Option<Changed>) {
         // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
         let next = inheritor.next_wait(*above, |node| unsafe {
             let entry = Entry::waited_for(node);
-            (node.addr().get(), entry, Entry::core(entry))
+            (node.addr().get(), entry, (*entry.as_ptr()).core.clone())
         });
-        let Some((address, entry, Some(core))) = next else {
+        let Some((address, entry, core)) = next else {
             way.pop();
             continue;
         };
@@ -67,7 +67,7 @@ impl Core {
     /// Moves `entry`, if it still waits here, to where its process' priority belongs now. Returns
     /// the holder, if its boost changes by that. O(waiters).
     pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
-        let mut lists = self.wait_point.lock();
+        let mut lists = self.lock();
         if !lists.senders.nodes().any(|node| Entry::of(node) == entry) {
             return None;
         }
@@ -126,8 +126,9 @@ pub(super) fn end_boost(former: Option<Inheritor>) {
 fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
     let mut waiters = lists.senders.nodes();
     // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
-    let other = waiters.find(|&node| unsafe { !Entry::is_of(Entry::of(node), holder) });
-    // SAFETY: a listed node is live while the lock is held, which the lists show.
-    let priority = other.map(|node| unsafe { node.as_ref() }.priority());
+    let priority = unsafe {
+        let other = waiters.find(|&node| !Entry::is_of(Entry::of(node), holder));
+        other.map(|node| node.as_ref().priority())
+    };
     priority.unwrap_or_default()
 }

@@ -298,9 +298,7 @@ unsafe fn move_on(
     // it may, so that the reference keeps the mutex while its lock is held here.
     let (core, admitted) = unsafe {
         (*entry.as_ptr()).cause = cause;
-        let Some(core) = Entry::core(entry) else {
-            return;
-        };
+        let core = (*entry.as_ptr()).core.clone();
         let admitted = core.admit(entry);
         (core, admitted)
     };

@@ -10,7 +10,6 @@ use crate::replay;
 use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use core::ptr::NonNull;
-use core::sync::atomic::{AtomicBool, Ordering};
 use core::task::{Context, Poll};
 use luna_core::biased_lock::Refused;
 use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal, User, WakeHandle};
@@ -29,65 +28,35 @@ pub(super) struct State {
 ///
 /// Waiters are in the wait point's list of senders, and all its nodes are entries. If there is a
 /// waiter, there are fewer permits than it wants, so a mutex with a waiter is held. The last user
-/// as a receiver is the holder of a mutex, or the last to take permits of a semaphore. `has_died`
-/// is written by the holder, or under the lock as it ceases to hold the mutex.
-pub(super) struct Core {
-    pub(super) wait_point: GuardedWaitPoint<State>,
-    has_died: AtomicBool,
-    /// It is a mutex: its holder inherits. A semaphore's permits belong to no process.
-    pub(super) has_owner: bool,
-}
+/// as a receiver is the holder of a mutex, or the last to take permits of a semaphore.
+pub(super) type Core = GuardedWaitPoint<State>;
 
 impl Core {
     /// A new one, for its first handle. Allocates.
     #[track_caller]
-    pub(super) fn share(kind: WaitPointKind, permits: u32) -> Shared<Core> {
+    pub(super) fn with_permits(kind: WaitPointKind, permits: u32) -> Shared<Core> {
         let state = State {
             permits: u64::from(permits),
             inheritor: None,
         };
-        let core = Shared::new(Core {
-            // SAFETY: it is registered next.
-            wait_point: unsafe { GuardedWaitPoint::new(kind, state) },
-            has_died: AtomicBool::new(false),
-            has_owner: kind == WaitPointKind::Mutex,
-        });
-        // SAFETY: it is new, and stays in its allocation.
-        unsafe { core.wait_point.register() };
-        core
+        Self::share(kind, state)
     }
 
-    /// Access to the state. Panics if `lists` are not those of this core.
-    pub(super) fn state<R>(
-        &self,
-        lists: &mut WaitQueues,
-        f: impl FnOnce(&mut State, &WaitQueues) -> R,
-    ) -> R {
-        self.wait_point.state(lists, f)
-    }
-
-    /// Whether the former holder died while it held the mutex. Asked by the holder.
-    #[inline]
-    pub(super) fn has_died(&self) -> bool {
-        // Relaxed: the lock, or the outcome of a node, came in between.
-        self.has_died.load(Ordering::Relaxed)
-    }
-
-    /// Said by the holder.
-    pub(super) fn set_died(&self, has_died: bool) {
-        self.has_died.store(has_died, Ordering::Relaxed);
+    /// Whether it is a mutex: its holder inherits. A semaphore's permits belong to no process.
+    pub(super) fn has_owner(&self) -> bool {
+        self.identity.values.kind == WaitPointKind::Mutex
     }
 
     /// Remembers that a user of a semaphore is outside of the system.
     pub(super) fn note_user(&self) {
-        if !self.has_owner && current::user() == User::Outside {
-            self.wait_point.identity.set_external();
+        if !self.has_owner() && current::user() == User::Outside {
+            self.identity.set_external();
         }
     }
 
     /// The inheritor for permits that the caller takes: none for those of a semaphore.
     pub(super) fn inheritor(&self, of_thread: bool) -> Option<Inheritor> {
-        match self.has_owner {
+        match self.has_owner() {
             true => take::caller(of_thread),
             false => None,
         }
@@ -95,7 +64,7 @@ impl Core {
 
     /// The number of free permits.
     pub(super) fn permits(&self) -> u64 {
-        let mut lists = self.wait_point.lock();
+        let mut lists = self.lock();
         self.state(&mut lists, |state, _| state.permits)
     }
 
@@ -105,19 +74,16 @@ impl Core {
     #[inline(never)]
     pub(super) fn lock_fast(&self, turn: PlainTurn<'_>) -> bool {
         // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
-        let mut lists = match unsafe { self.wait_point.enter(turn) } {
+        let mut lists = match unsafe { self.enter(turn) } {
             Ok(lists) => lists,
             Err(Refused::NotBiased) => return false,
-            Err(Refused::Revoked) => {
-                self.wait_point.after_revocation();
-                return false;
-            }
+            Err(Refused::Revoked) => return self.revoked(false),
         };
         let is_taken = self.state(&mut lists, |state, _| {
             let is_taken = state.permits != 0 && turn.goes_on();
             if is_taken {
                 state.permits = 0;
-                state.inheritor = Inheritor::current();
+                state.inheritor = Inheritor::of_plain_turn(turn);
             }
             is_taken
         });
@@ -135,7 +101,7 @@ impl Core {
         inheritor: Option<Inheritor>,
     ) -> Result<(), Option<Inheritor>> {
         let priority = current::priority();
-        let mut lists = self.wait_point.lock();
+        let mut lists = self.lock();
         self.take_locked(&mut lists, count, priority, inheritor)
     }
 
@@ -168,7 +134,7 @@ impl Core {
     /// have to wait; so their number is not tested, and may be below 0 for a while.
     #[cold]
     pub(super) fn take_given(&self, count: u32) {
-        let mut lists = self.wait_point.lock();
+        let mut lists = self.lock();
         self.state(&mut lists, |state, _| {
             state.permits = state.permits.wrapping_sub(u64::from(count));
         });
@@ -183,8 +149,8 @@ impl Core {
         }
         // That of a semaphore has no stamp: a replay need not wait for the process that makes room.
         let taken = replay::call(
-            self.has_owner,
-            || match !self.has_owner && current::is_replayed() {
+            self.has_owner(),
+            || match !self.has_owner() && current::is_replayed() {
                 true => {
                     self.take_given(count);
                     true
@@ -212,7 +178,7 @@ impl Core {
     ) -> Poll<()> {
         let mut changed = None;
         let listed = renewal.put(|renewal| {
-            let mut lists = this.wait_point.lock();
+            let mut lists = this.lock();
             inheritor = match this.take_locked(&mut lists, count, priority, inheritor.take()) {
                 Ok(()) => return Poll::Ready(()),
                 Err(inheritor) => inheritor,
@@ -236,7 +202,7 @@ impl Core {
             return Poll::Ready(());
         }
         chain::follow(changed);
-        this.wait_point.waits();
+        this.waits();
         Poll::Pending
     }
 
@@ -255,7 +221,7 @@ impl Core {
             }
             let mut renewal = Renewal::of(cx);
             let polled = renewal.put(|renewal| {
-                let _lists = self.wait_point.lock();
+                let _lists = self.lock();
                 if Entry::outcome(entry) == Outcome::Done {
                     return Poll::Ready(());
                 }
@@ -263,7 +229,7 @@ impl Core {
                 Poll::Pending
             });
             if polled.is_pending() {
-                self.wait_point.waits();
+                self.waits();
             }
             polled
         }
@@ -277,8 +243,8 @@ impl Core {
     /// As for [`poll_listed`](Self::poll_listed): `entry` is the caller's, and was listed here.
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> (bool, Option<WakeHandle>) {
-        self.wait_point.waits_no_more();
-        let mut lists = self.wait_point.lock();
+        self.waits_no_more();
+        let mut lists = self.lock();
         // SAFETY: the entry is the caller's and was listed here, as is demanded here: so it is live
         // and was begun. Under the lock one that is not done is in the list of senders, and is
         // settled after it was taken off.
@@ -293,7 +259,7 @@ impl Core {
         };
         drop(lists);
         chain::follow(changed);
-        if !self.has_owner {
+        if !self.has_owner() {
             // Waiters behind it may want fewer permits.
             self.serve();
         }

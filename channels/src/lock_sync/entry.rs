@@ -34,7 +34,7 @@ struct Listed {
 /// While it is in a wait point's list, that wait point's lock guards `waiter` and `inheritor`; a
 /// settled one belongs to its future. `cause` is guarded by the condition's lock. `listed` is there
 /// while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the
-/// inheritor's executor, and `core` does not change.
+/// inheritor's executor. `count` and `core` do not change between begin and end.
 #[repr(C)]
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
@@ -42,29 +42,16 @@ pub(super) struct Entry {
     /// Inherits when the entry holds the mutex.
     pub(super) inheritor: Option<Inheritor>,
     /// How many permits it wants.
-    count: u32,
+    pub(super) count: u32,
     pub(super) cause: Cause,
     /// Where it is to take them, from its begin to its end. It keeps that mutex's memory, also if
     /// its future is leaked: the chain may still find it.
-    core: Option<Shared<Core>>,
+    pub(super) core: Shared<Core>,
     is_listed: bool,
     listed: MaybeUninit<Listed>,
 }
 
 impl Entry {
-    #[inline]
-    pub(super) fn new() -> Self {
-        Self {
-            waiter: Waiter::empty(),
-            inheritor: None,
-            count: 0,
-            cause: Cause::None,
-            core: None,
-            is_listed: false,
-            listed: MaybeUninit::uninit(),
-        }
-    }
-
     /// The node of a wait point's list.
     pub(super) fn of(node: NonNull<WaitNode>) -> NonNull<Entry> {
         node.cast()
@@ -83,7 +70,7 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `entry` is live, pinned, not accessed by another thread, and was not begun before;
+    /// `entry` is room for one, pinned, not accessed by another thread, and was not begun before;
     /// [`end`](Self::end) is called before the entry goes, or the entry stays for ever.
     pub(super) unsafe fn begin(
         entry: NonNull<Entry>,
@@ -91,15 +78,22 @@ impl Entry {
         count: u32,
         inheritor: Option<Inheritor>,
     ) {
-        // SAFETY: the entry is live, in no list, and no other thread accesses it, as is demanded
-        // here. It stays until `end`, so the node of `listed` can be listed with the process; it is
+        // SAFETY: it is room for an entry that no other thread accesses, as is demanded here. The
+        // entry is in no list. It stays until `end`, so the node of `listed` can be listed with the process; it is
         // in no list yet.
         unsafe {
-            Waiter::begin(Self::waiter(entry), false, None, None);
             let this = entry.as_ptr();
-            // Before a chain can find it.
-            (*this).core = Some(core.clone());
-            if let Some(inheritor) = &inheritor {
+            this.write(Entry {
+                waiter: Waiter::empty(),
+                inheritor,
+                count,
+                cause: Cause::None,
+                core: core.clone(),
+                is_listed: false,
+                listed: MaybeUninit::uninit(),
+            });
+            Waiter::begin(Self::waiter(entry), false, None, None);
+            if let Some(inheritor) = &(*this).inheritor {
                 (*this).listed.write(Listed {
                     wait: WaitNode::new(),
                     entry,
@@ -108,16 +102,14 @@ impl Entry {
                 (*this).is_listed = true;
                 inheritor.begin_wait(NonNull::from(&mut (*this).listed).cast());
             }
-            (*this).inheritor = inheritor;
-            (*this).count = count;
         }
     }
 
-    /// Undoes [`begin`](Self::begin), if it was begun. O(1).
+    /// Undoes [`begin`](Self::begin). O(1).
     ///
     /// # Safety
     ///
-    /// `entry` is live, in no wait point's list, and no other thread accesses it.
+    /// `entry` was begun, is live, in no wait point's list, and no other thread accesses it.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
         // SAFETY: the entry is live, in no wait point's list, and only its future accesses it but
         // for `listed`, as is demanded here. Until that is taken out, others may access its node
@@ -125,14 +117,13 @@ impl Entry {
         // process with which `begin` has listed the node.
         unsafe {
             let this = entry.as_ptr();
-            if core::mem::take(&mut (*this).is_listed) {
+            if (*this).is_listed {
                 let listed = (&raw mut (*this).listed).cast::<Listed>();
                 let inheritor = &(*listed).inheritor;
                 inheritor.end_wait(NonNull::new_unchecked(listed).cast());
                 (*this).listed.assume_init_drop();
             }
-            (*this).inheritor = None;
-            (*this).core = None;
+            this.drop_in_place();
         }
     }
 
@@ -146,17 +137,6 @@ impl Entry {
         // Its owner needs the executor's lock, which is held, to take it off: so it is live, and
         // `entry` does not change.
         unsafe { (*node.cast::<Listed>().as_ptr()).entry }
-    }
-
-    /// How many permits it wants.
-    ///
-    /// # Safety
-    ///
-    /// It is live, was begun, and is not ended meanwhile.
-    pub(super) unsafe fn count(entry: NonNull<Entry>) -> u32 {
-        // SAFETY: the entry is live, as is demanded here, and between begin and end the count does
-        // not change.
-        unsafe { (*entry.as_ptr()).count }
     }
 
     /// The part of its waiter that others find it by.
@@ -202,16 +182,5 @@ impl Entry {
         unsafe { &(*entry.as_ptr()).inheritor }
             .as_ref()
             .is_some_and(|inheritor| inheritor.is_same(holder))
-    }
-
-    /// The mutex that it is to lock.
-    ///
-    /// # Safety
-    ///
-    /// It is live, and is not begun or ended meanwhile.
-    pub(super) unsafe fn core(entry: NonNull<Entry>) -> Option<Shared<Core>> {
-        // SAFETY: the entry is live, as is demanded here, and `core` changes only as it is begun or
-        // ended.
-        unsafe { (*entry.as_ptr()).core.clone() }
     }
 }

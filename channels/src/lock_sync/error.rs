@@ -114,30 +114,16 @@ impl From<AcquireError> for AcquireTimeoutError {
     }
 }
 
-impl<T> fmt::Debug for LockError<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            LockError::OwnerDied(_) => "OwnerDied(..)",
-            LockError::Poisoned => "Poisoned",
-        })
-    }
+macro_rules! debug_without_guard {
+    ($($name:ident),*) => {$(
+        impl<T> fmt::Debug for $name<'_, T> {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                // Without the value, so that it need not be `Debug`.
+                f.debug_struct(stringify!($name))
+                    .field("reason", &format_args!("{self}"))
+                    .finish_non_exhaustive()
+            }
+        }
+    )*};
 }
-
-impl<T> fmt::Debug for TryLockError<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            TryLockError::Locked => "Locked",
-            TryLockError::OwnerDied(_) => "OwnerDied(..)",
-        })
-    }
-}
-
-impl<T> fmt::Debug for LockTimeoutError<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            LockTimeoutError::Timeout => "Timeout",
-            LockTimeoutError::OwnerDied(_) => "OwnerDied(..)",
-            LockTimeoutError::Poisoned => "Poisoned",
-        })
-    }
-}
+debug_without_guard!(LockError, TryLockError, LockTimeoutError, OwnerDied);

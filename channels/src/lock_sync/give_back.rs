@@ -8,7 +8,7 @@ use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use core::ptr::NonNull;
 use luna_core::biased_lock::BiasedGuard;
-use luna_core::current::{self, PendingWake, Process};
+use luna_core::current::{self, PendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
 
 /// Work that is due after an entry became the holder, or waits to.
@@ -28,24 +28,19 @@ impl Admitted {
 }
 
 impl Core {
-    /// Unlocks a mutex: the first waiter holds it from now on. `died`: the holder left it in the
-    /// middle.
-    pub(super) fn unlock(&self, died: bool) {
-        if died || !self.unlock_fast() {
-            self.give_back(1, died);
+    /// Unlocks a mutex: the first waiter holds it from now on.
+    pub(super) fn unlock(&self) {
+        if current::with_plain_turn(|turn| self.unlock_fast(turn)) != Some(true) {
+            self.give_back(1);
         }
     }
 
     /// As [`unlock`](Self::unlock), if no entry waits and the wait point's lock is biased to this
     /// executor. `false`: it is not so, and no state has changed. O(1), without atomic
     /// read-modify-writes.
-    fn unlock_fast(&self) -> bool {
-        let Some(executor) = current::process(|process| process.map(Process::executor_number))
-        else {
-            return false;
-        };
-        // SAFETY: the current process is polled on the thread of its executor.
-        let Some(mut lists) = (unsafe { self.wait_point.lock_if_biased_to(executor) }) else {
+    fn unlock_fast(&self, turn: PlainTurn<'_>) -> bool {
+        // SAFETY: no user code runs under this lock, so nothing unlocks while this thread holds it.
+        let Some(mut lists) = (unsafe { self.try_enter(turn) }) else {
             return false;
         };
         if !lists.senders.is_empty() {
@@ -57,21 +52,15 @@ impl Core {
         });
         lists.receiver = LastUser::NONE;
         drop(lists);
-        if let Some(inheritor) = former {
-            chain::end_boost(Some(inheritor));
-        }
+        chain::end_boost(former);
         true
     }
 
-    /// Gives permits back, and serves the waiters. `died`: the holder of a mutex left it in the
-    /// middle.
+    /// Gives permits back, and serves the waiters.
     #[inline(never)]
-    pub(super) fn give_back(&self, count: u32, died: bool) {
-        let mut lists = self.wait_point.lock();
-        if died {
-            self.set_died(true);
-        }
-        if self.has_owner {
+    pub(super) fn give_back(&self, count: u32) {
+        let mut lists = self.lock();
+        if self.has_owner() {
             lists.receiver = LastUser::NONE;
         }
         let mut former = self.state(&mut lists, |state, _| {
@@ -88,7 +77,7 @@ impl Core {
 
     /// Serves waiters, as far as the permits go.
     pub(super) fn serve(&self) {
-        while self.serve_first(self.wait_point.lock()) {}
+        while self.serve_first(self.lock()) {}
     }
 
     /// The first waiter, if there are enough permits for it.
@@ -96,7 +85,7 @@ impl Core {
         let node = lists.senders.first()?;
         let permits = self.state(lists, |state, _| state.permits);
         // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
-        let count = unsafe { Entry::count(Entry::of(node)) };
+        let count = unsafe { (*Entry::of(node).as_ptr()).count };
         (u64::from(count) <= permits).then_some(node)
     }
 
@@ -133,7 +122,7 @@ impl Core {
         // settled.
         unsafe {
             let inheritor = (*entry.as_ptr()).inheritor.take();
-            let count = u64::from(Entry::count(entry));
+            let count = u64::from((*entry.as_ptr()).count);
             lists.receiver = LastUser::of(Entry::node(entry).as_ref().user());
             self.state(lists, |state, _| {
                 state.permits -= count;
@@ -153,7 +142,7 @@ impl Core {
     /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's
     /// lock.
     pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
-        let mut lists = self.wait_point.lock();
+        let mut lists = self.lock();
         // SAFETY: the entry was begun for this mutex, is in no list, and the condition's lock,
         // which is held, keeps its future until it is listed here or settled, as is demanded here.
         unsafe {

@@ -43,8 +43,6 @@ pub struct MutexGuard<'a, T> {
     was_dying: bool,
 }
 
-// SAFETY: it leads to the value as `&mut T` does; unlocking works from any thread.
-unsafe impl<T: Send> Send for MutexGuard<'_, T> {}
 // SAFETY: a shared guard gives out `&T` alone.
 unsafe impl<T: Sync> Sync for MutexGuard<'_, T> {}
 
@@ -62,7 +60,7 @@ impl<'a, T> MutexGuard<'a, T> {
     /// Unlocks now. Never marks the mutex.
     pub fn unlock(self) {
         let guard = ManuallyDrop::new(self);
-        guard.mutex.core().unlock(false);
+        guard.mutex.core().unlock();
     }
 
     /// The mutex that it holds.
@@ -80,7 +78,10 @@ impl<'a, T> MutexGuard<'a, T> {
 impl<T> Drop for MutexGuard<'_, T> {
     #[inline]
     fn drop(&mut self) {
-        self.mutex.core().unlock(!self.was_dying && is_dying());
+        if !self.was_dying && is_dying() {
+            self.mutex.set_died(true);
+        }
+        self.mutex.core().unlock();
     }
 }
 
@@ -145,7 +146,7 @@ impl<'a, T> OwnerDied<'a, T> {
 
     /// The guard; the mutex is not marked any more. O(1).
     pub fn recover(self) -> MutexGuard<'a, T> {
-        self.0.mutex.core().set_died(false);
+        self.0.mutex.set_died(false);
         self.0
     }
 
@@ -163,11 +164,5 @@ impl<'a, T> OwnerDied<'a, T> {
     /// ```
     pub fn into_guard(self) -> MutexGuard<'a, T> {
         self.0
-    }
-}
-
-impl<T> fmt::Debug for OwnerDied<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("OwnerDied").finish_non_exhaustive()
     }
 }

@@ -14,6 +14,7 @@ use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
+use luna_platform::sync::plain::AtomicBool;
 
 /// A value for use by one process or thread at a time: a process of an executor, an OS-thread
 /// process, a task of another runtime, or a plain thread.
@@ -60,14 +61,15 @@ pub struct Mutex<T> {
 ///
 /// # Invariants
 ///
-/// `value` is accessed by the holder of the mutex, and dropped with the last handle.
+/// `value` is accessed by the holder of the mutex, and dropped with the last handle. `has_died` is
+/// accessed by the holder.
 struct Value<T> {
     handles: AtomicUsize,
+    /// A former holder has died while it held the mutex, and none has recovered it.
+    has_died: AtomicBool,
     value: UnsafeCell<ManuallyDrop<T>>,
 }
 
-// SAFETY: one at a time accesses the value, on whichever thread.
-unsafe impl<T: Send> Send for Value<T> {}
 // SAFETY: only the holder of the mutex accesses the value, one at a time; the count is an atomic.
 unsafe impl<T: Send> Sync for Value<T> {}
 // What a panic leaves half done is marked.
@@ -80,10 +82,11 @@ impl<T: Send> Mutex<T> {
     pub fn new(value: T) -> Mutex<T> {
         let value = Value {
             handles: AtomicUsize::new(1),
+            has_died: AtomicBool::new(false),
             value: UnsafeCell::new(ManuallyDrop::new(value)),
         };
         Mutex {
-            core: Core::share(WaitPointKind::Mutex, 1),
+            core: Core::with_permits(WaitPointKind::Mutex, 1),
             // SAFETY: the drop of what is `ManuallyDrop` does nothing.
             value: unsafe { Shared::borrowing(value) },
         }
@@ -104,6 +107,12 @@ impl<T> Mutex<T> {
     #[inline]
     pub(super) fn value(&self) -> &UnsafeCell<ManuallyDrop<T>> {
         &self.value.value
+    }
+
+    /// Said by the holder.
+    pub(super) fn set_died(&self, has_died: bool) {
+        // Relaxed, here and below: the lock, or the outcome of a node, comes in between.
+        self.value.has_died.store(has_died, Ordering::Relaxed);
     }
 
     /// Locks, waiting until the holder and all more urgent waiters have unlocked.
@@ -226,7 +235,7 @@ impl<T> Mutex<T> {
     pub(super) unsafe fn held(&self) -> Result<MutexGuard<'_, T>, OwnerDied<'_, T>> {
         // SAFETY: the caller holds the mutex, and gives its hold away, as is demanded here.
         let guard = unsafe { MutexGuard::new(self) };
-        if self.core().has_died() {
+        if self.value.has_died.load(Ordering::Relaxed) {
             Err(OwnerDied::new(guard))
         } else {
             Ok(guard)
@@ -271,7 +280,7 @@ impl<T> Mutex<T> {
     /// Names the mutex in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.core().wait_point.identity.set_name(name);
+        self.core().identity.set_name(name);
         self
     }
 }

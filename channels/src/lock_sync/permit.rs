@@ -41,6 +41,6 @@ impl<'a> SemaphorePermit<'a> {
 
 impl Drop for SemaphorePermit<'_> {
     fn drop(&mut self) {
-        self.semaphore.core().give_back(self.count, false);
+        self.semaphore.core().give_back(self.count);
     }
 }

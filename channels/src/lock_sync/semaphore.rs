@@ -50,7 +50,7 @@ impl Semaphore {
     #[track_caller]
     pub fn new(permits: u32) -> Semaphore {
         Semaphore {
-            core: Core::share(WaitPointKind::Semaphore, permits),
+            core: Core::with_permits(WaitPointKind::Semaphore, permits),
         }
     }
 
@@ -185,7 +185,7 @@ impl Semaphore {
     /// ```
     pub fn add_permits(&self, count: u32) {
         self.core().note_user();
-        self.core().give_back(count, false);
+        self.core().give_back(count);
     }
 
     /// Number of free permits: for display, since it may have changed already.
@@ -201,14 +201,14 @@ impl Semaphore {
     /// has used already is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
-        self.core().wait_point.identity.set_external();
+        self.core().identity.set_external();
         self
     }
 
     /// Names the semaphore in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.core().wait_point.identity.set_name(name);
+        self.core().identity.set_name(name);
         self
     }
 }

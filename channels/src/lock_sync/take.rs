@@ -11,7 +11,7 @@ use core::cell::UnsafeCell;
 use core::fmt;
 use core::future::Future;
 use core::marker::PhantomPinned;
-use core::mem::ManuallyDrop;
+use core::mem::MaybeUninit;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
@@ -36,11 +36,10 @@ pub(super) enum Phase {
 ///
 /// # Invariants
 ///
-/// In `Listed` it is pinned, and the entry was begun.
+/// In `Listed` it is pinned, and the entry was begun. Otherwise there is none, only room for it.
 pub(super) struct Take<'a> {
     core: &'a Shared<Core>,
-    /// Nothing of it is left to drop once it was ended, or if it was not begun.
-    entry: UnsafeCell<ManuallyDrop<Entry>>,
+    entry: UnsafeCell<MaybeUninit<Entry>>,
     pub(super) phase: Phase,
     /// The thread itself takes them, so it may inherit, and waits at its priority.
     pub(super) of_thread: bool,
@@ -58,7 +57,7 @@ impl<'a> Take<'a> {
     pub(super) fn new(core: &'a Shared<Core>, count: u32, of_thread: bool) -> Self {
         Take {
             core,
-            entry: UnsafeCell::new(ManuallyDrop::new(Entry::new())),
+            entry: UnsafeCell::new(MaybeUninit::uninit()),
             phase: Phase::New,
             of_thread,
             count,
@@ -186,7 +185,7 @@ impl<'a> Take<'a> {
         self.end();
         if has_them {
             // The value was not touched.
-            self.core().give_back(self.count, false);
+            self.core().give_back(self.count);
         }
     }
 
@@ -288,7 +287,7 @@ impl Logged for Take<'_> {
     }
 
     fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
-        if !self.core().has_owner && matches!(turn, Turn::Given(event) if event.stamp != 0) {
+        if !self.core().has_owner() && matches!(turn, Turn::Given(event) if event.stamp != 0) {
             self.core().take_given(self.count);
             self.phase = Phase::Keeps;
         }
@@ -302,8 +301,8 @@ impl Logged for Take<'_> {
     /// The stamp is taken now, when the process has the permits: stamps of holders are in the order
     /// of their holding a mutex, and one of a semaphore comes after what made room.
     unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
-        Event::done(match self.core().has_owner {
-            true => replay::meeting(&mut self.core().wait_point.lock()),
+        Event::done(match self.core().has_owner() {
+            true => replay::meeting(&mut self.core().lock()),
             false => replay::own_stamp(),
         })
     }

@@ -126,6 +126,9 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     /// At a deadline: it waits for the mutex alone from now on, unless it was notified before.
     pub(super) fn time_out(self: Pin<&mut Self>) {
         let this = self.in_place();
+        if this.take.phase != Phase::Listed {
+            return;
+        }
         let entry = this.take.entry();
         let mut lists = this.condition.wait_point().lock();
         // SAFETY: the lock is held, and under it the entry's cause determines its list. This
@@ -339,7 +342,7 @@ impl<T> Logged for WaitOp<'_, '_, T> {
     }
 
     unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
-        let stamp = replay::meeting(&mut self.mutex.core().wait_point.lock());
+        let stamp = replay::meeting(&mut self.mutex.core().lock());
         Event::new(What::Chosen, u64::from(self.has_timed_out), stamp)
     }
 

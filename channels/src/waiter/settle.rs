@@ -3,6 +3,7 @@
 
 use super::{Begun, Outcome, Waiter};
 use crate::select_state::SelectState;
+use core::mem;
 use core::ptr::NonNull;
 use luna_core::current::{PendingWake, PlainPendingWake, WakeHandle};
 use luna_core::wait_list::WaitNode;
@@ -73,6 +74,29 @@ impl<T> Waiter<T> {
             } else {
                 None
             }
+        }
+    }
+
+    /// Wakes the process of an operation that was listed by [`begin_plain`](Self::begin_plain),
+    /// unless it has ended: the node is then to be unlisted and settled, under the same lock.
+    /// `false`: it is not so, and no state has changed. Runs no user code.
+    ///
+    /// # Safety
+    ///
+    /// As for [`take_plain_wake_handle`](Self::take_plain_wake_handle).
+    #[inline(always)]
+    pub(crate) unsafe fn wake_plain(node: NonNull<Waiter<T>>) -> bool {
+        // SAFETY: the node is listed, so its link was written, and the lock that is held guards it.
+        // One begun plainly has the handle that the owner of the bias, this thread, has made in a
+        // plain turn, as for `take_plain_wake_handle`. It is used once: either it wakes here, and
+        // the node is settled next, or what was read is forgotten.
+        unsafe {
+            let link = Self::link(node);
+            (*link).begun == Begun::Plainly
+                && WakeHandle::plain_of((*link).wait.wake_handle_mut())
+                    .wake_unless_ended()
+                    .map_err(mem::forget)
+                    .is_ok()
         }
     }
 

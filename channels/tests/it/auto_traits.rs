@@ -3,6 +3,7 @@
 
 #![cfg(not(loom))]
 
+use luna_channels::lock_sync::{Mutex, MutexGuard};
 use luna_channels::{
     Incoming, Receiver, RecvError, RecvOp, RecvTimeout, SendError, SendOp, SendTimeout, Sender,
     TrySendError,
@@ -66,6 +67,14 @@ fn of_values_that_cannot_be_sent_nothing_can() {
     is_not!(Send: SendOp<'static, Rc<u8>>, SendTimeout<'static, Rc<u8>>, RecvOp<'static, Rc<u8>>);
     is_not!(Send: RecvTimeout<'static, Rc<u8>>, Incoming<'static, Rc<u8>>);
     is_not!(Sync: SendOp<'static, Rc<u8>>, SendTimeout<'static, Rc<u8>>, RecvOp<'static, Rc<u8>>);
+}
+
+#[test]
+fn the_guard_of_a_mutex_is_as_a_reference_to_its_value() {
+    send::<(Mutex<Cell<u8>>, MutexGuard<'_, Cell<u8>>)>();
+    sync::<(Mutex<Cell<u8>>, MutexGuard<'_, u8>)>();
+    is_not!(Sync: MutexGuard<'static, Cell<u8>>, Mutex<Rc<u8>>);
+    is_not!(Send: MutexGuard<'static, Rc<u8>>, Mutex<Rc<u8>>);
 }
 
 #[test]

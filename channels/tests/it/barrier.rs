@@ -364,6 +364,29 @@ fn rounds_of_one_executor_alone_and_with_others() {
     }
 }
 
+/// A party that waits, of a process of this executor that has ended. The barrier is biased to the
+/// executor.
+fn left_by_its_process(
+    executor: &Executor,
+    barrier: &Barrier,
+) -> Pin<Box<dyn Future<Output = ()> + Send>> {
+    let (gives, gets) = std::sync::mpsc::channel();
+    let barrier = barrier.clone();
+    let process = executor.spawn(ProcessSpec::new("here"), move || async move {
+        // The barrier is used by this executor alone, until its lock is biased to it.
+        for _ in 0..50 {
+            assert_eq!(barrier.parties(), 2);
+        }
+        let mut waits: Pin<Box<dyn Future<Output = ()> + Send>> =
+            Box::pin(async move { barrier.sync().await });
+        assert!(poll_once(waits.as_mut()).await.is_none());
+        gives.send(waits).unwrap();
+    });
+    executor.release();
+    assert_eq!(process.wait(), Exit::Completed);
+    gets.recv().unwrap()
+}
+
 /// A waiting party's future goes to another executor, whose process is then the one to be woken.
 #[test]
 fn a_party_that_waits_moves_to_another_executor() {
@@ -371,21 +394,7 @@ fn a_party_that_waits_moves_to_another_executor() {
         let barrier = Barrier::new(2);
         let executors =
             ["here", "there"].map(|name| Executor::start(Attributes::new(name)).unwrap());
-        let (gives, gets) = std::sync::mpsc::channel();
-        let of_here = barrier.clone();
-        let here = executors[0].spawn(ProcessSpec::new("here"), move || async move {
-            // The barrier is used by this executor alone, until its lock is biased to it.
-            for _ in 0..50 {
-                assert_eq!(of_here.parties(), 2);
-            }
-            let mut waits: Pin<Box<dyn Future<Output = ()> + Send>> =
-                Box::pin(async move { of_here.sync().await });
-            assert!(poll_once(waits.as_mut()).await.is_none());
-            gives.send(waits).unwrap();
-        });
-        executors[0].release();
-        assert_eq!(here.wait(), Exit::Completed);
-        let waits = gets.recv().unwrap();
+        let waits = left_by_its_process(&executors[0], &barrier);
         let there = executors[1].spawn(ProcessSpec::new("there"), move || async move {
             let mut waits = waits;
             if comes_there {
@@ -400,4 +409,16 @@ fn a_party_that_waits_moves_to_another_executor() {
         assert_eq!(last.wait(), Exit::Completed);
         assert_eq!(there.wait(), Exit::Completed);
     }
+}
+
+#[test]
+fn a_party_whose_process_has_ended_has_come() {
+    let barrier = Barrier::new(2);
+    let executor = Executor::start(Attributes::new("here")).unwrap();
+    let waits = left_by_its_process(&executor, &barrier);
+    let last = executor.spawn(ProcessSpec::new("last"), move || async move {
+        barrier.sync().await;
+    });
+    assert_eq!(last.wait(), Exit::Completed);
+    block_on(waits);
 }

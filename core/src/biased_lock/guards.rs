@@ -50,7 +50,7 @@ pub enum Refused {
     Revoked,
 }
 
-/// The guard of the owner of the bias: see [`BiasedLock::lock_if_biased`].
+/// The guard of the owner of the bias: see [`BiasedLock::enter_trusted`].
 #[derive(Debug)]
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct InsideGuard<'a, T> {

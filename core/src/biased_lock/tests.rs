@@ -158,7 +158,7 @@ mod running {
         let (executor, turn) = (current::executor_number(), PlainTurn::without_process());
         // SAFETY: this thread is the executor's, and the kept guard is taken again.
         unsafe {
-            lock.lock_if_biased(turn).unwrap().keep();
+            lock.lock_if_biased_to(executor).unwrap().keep();
             assert!(lock.inside.is_entered());
             *lock.kept(turn) += 1;
             assert!(!lock.inside.is_entered());

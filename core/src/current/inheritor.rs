@@ -17,7 +17,7 @@ use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
 use super::process::{Priority, Process, QueueEnd};
 use super::wake_handle::Reference;
-use super::{executor_id, process};
+use super::{PlainTurn, executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
 use alloc::sync::Arc;
 use core::cmp::Ordering;
@@ -57,6 +57,14 @@ impl Inheritor {
                 .can_inherit()
                 .then(|| Inheritor::to(To::Process(Reference::to_current(process))))
         })
+    }
+
+    /// As [`current`](Self::current), of the process in its plain turn.
+    #[inline(always)]
+    pub fn of_plain_turn(turn: PlainTurn<'_>) -> Option<Inheritor> {
+        let inheritance = turn.process().inheritance();
+        (inheritance.thread().is_some() || inheritance.take_thread())
+            .then(|| Inheritor::to(To::Process(Reference::of_plain_turn(turn))))
     }
 
     /// The current process; outside of any, the calling thread itself: for holders that need not be

@@ -47,7 +47,7 @@ pub use replay::{
 };
 pub use turn::{
     PlainTurn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
-    user, with_process,
+    user, with_plain_turn, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 

@@ -55,25 +55,15 @@ impl References {
     #[inline]
     #[must_use = "the last one frees the process"]
     pub(super) fn remove(&self, is_on_executor: bool) -> bool {
-        if is_on_executor && self.try_remove_here() {
+        if is_on_executor && self.here.get() != HAS_ENDED {
+            self.remove_before_end();
             return false;
         }
         // AcqRel: all other references' uses of the process happen before it is freed.
         self.elsewhere.fetch_sub(1, Ordering::AcqRel) - 1 == ENDED
     }
 
-    /// Counts one less before the process' end, on the executor's thread. `false`: the process has
-    /// ended, and nothing was counted; call [`remove`](Self::remove).
-    #[inline(always)]
-    pub(super) fn try_remove_here(&self) -> bool {
-        let here = self.here.get();
-        if here != HAS_ENDED {
-            self.here.set(here - 1);
-        }
-        here != HAS_ENDED
-    }
-
-    /// As [`try_remove_here`](Self::try_remove_here), of a process that is known not to have ended.
+    /// As [`remove`](Self::remove), on the executor's thread, of a process that has not ended.
     #[inline(always)]
     pub(super) fn remove_before_end(&self) {
         debug_assert_ne!(self.here.get(), HAS_ENDED);

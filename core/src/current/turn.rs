@@ -206,6 +206,13 @@ pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     PlainTurn::of(cx).map(PlainTurn::process)
 }
 
+/// Calls `f` with the present turn, if it is a plain one: for code that has no context.
+#[inline(always)]
+pub fn with_plain_turn<R>(f: impl FnOnce(PlainTurn<'_>) -> R) -> Option<R> {
+    let thread = local();
+    (!thread.plain.get().is_null()).then(|| f(PlainTurn(thread)))
+}
+
 /// Calls `f` with the current process, if there is one.
 #[inline]
 pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {

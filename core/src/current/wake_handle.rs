@@ -69,6 +69,14 @@ impl Reference {
         Self(Self::packed(process))
     }
 
+    /// Refers to the current process, in its plain turn.
+    #[inline(always)]
+    pub(super) fn of_plain_turn(turn: PlainTurn<'_>) -> Self {
+        let process = turn.process();
+        process.references.add();
+        Self(NonNull::from(process))
+    }
+
     #[inline]
     fn packed(process: &Process) -> NonNull<Process> {
         NonNull::from(process).map_addr(|address| address | usize::from(lowered()))
@@ -322,9 +330,7 @@ impl PlainPendingWake {
     /// A wake of the current process, from its plain turn.
     #[inline(always)]
     pub(crate) fn of_plain_turn(turn: PlainTurn<'_>) -> Self {
-        let process = turn.process();
-        process.references.add();
-        Self(Reference(NonNull::from(process)))
+        Self(Reference::of_plain_turn(turn))
     }
 
     /// The process that it wakes.
@@ -382,6 +388,29 @@ impl PlainPendingWake {
         Ok(())
     }
 
+    /// As [`wake`](Self::wake), but it frees nothing, so it may be called under a lock.
+    ///
+    /// # Errors
+    ///
+    /// The pending wake, if the process has ended: no state has changed.
+    ///
+    /// # Safety
+    ///
+    /// As for `wake`: its wake handle was made in a plain turn on this thread.
+    #[inline(always)]
+    pub unsafe fn wake_unless_ended(self) -> Result<(), Self> {
+        let process = self.0.process();
+        // SAFETY: the caller promises that the handle was made on this thread, which is the
+        // executor's; the reference keeps the process' memory.
+        if !unsafe { process.ready_here(0, QueueEnd::Back) } {
+            return Err(self);
+        }
+        process.references.remove_before_end();
+        // Counted off here; the drop must not count again.
+        mem::forget(self);
+        Ok(())
+    }
+
     /// Readies the process behind the others of its level. O(1), without atomics.
     ///
     /// # Safety
@@ -389,14 +418,8 @@ impl PlainPendingWake {
     /// Its wake handle was made [in a plain turn](WakeHandle::of_plain_turn) on this thread.
     #[inline(always)]
     pub unsafe fn wake(self) {
-        let process = self.0.process();
-        // SAFETY: the caller promises that the handle was made on this thread, which is the
-        // executor's; the reference keeps the process' memory.
-        unsafe { process.ready_here(0, QueueEnd::Back) };
-        if process.references.try_remove_here() {
-            // Counted off here; the drop must not count again.
-            core::mem::forget(self);
-        }
+        // SAFETY: demanded here too.
+        drop(unsafe { self.wake_unless_ended() });
     }
 }
 

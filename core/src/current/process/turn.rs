@@ -51,17 +51,17 @@ pub fn fail_current() {
 }
 
 impl Process {
-    /// Readies the process without its waker, `lowered` levels below its own.
+    /// Readies the process without its waker, `lowered` levels below its own. `false`: it has ended.
     ///
     /// # Safety
     ///
     /// This is the executor's thread, the process is one of an executor's, and stays where it is
     /// until it was popped.
     #[inline]
-    pub(in crate::current) unsafe fn ready_here(&self, lowered: u8, place: QueueEnd) {
+    pub(in crate::current) unsafe fn ready_here(&self, lowered: u8, place: QueueEnd) -> bool {
         // SAFETY: the caller's promises are those that `ready_at` requires; the level is at most
         // the process' own.
-        unsafe { self.ready_at(self.level().saturating_sub(lowered), place) };
+        unsafe { self.ready_at(self.level().saturating_sub(lowered), place) }
     }
 
     /// Readies the process, which waits, if no other one is ready and the current one need not
@@ -93,14 +93,14 @@ impl Process {
     }
 
     /// Puts the process into its executor's run queue at `level`, unless it is there at that level
-    /// or a higher one, or has ended. O(1), without atomics.
+    /// or a higher one, or has ended: `false`. O(1), without atomics.
     ///
     /// # Safety
     ///
     /// This is the executor's thread, the process is one of an executor's, and stays where it is
     /// until it was popped. `level` is below [`LEVELS`](super::LEVELS).
     #[inline]
-    pub unsafe fn ready_at(&self, level: u8, place: QueueEnd) {
+    pub unsafe fn ready_at(&self, level: u8, place: QueueEnd) -> bool {
         let now = self.state.load(Ordering::Relaxed);
         if now & (state::QUEUED | state::YIELDED | state::ENDED | state::RECORDED) != 0 {
             // SAFETY: the caller's promises are those that `ready_more` requires.
@@ -108,6 +108,7 @@ impl Process {
         }
         // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
         unsafe { self.queue_at(now, level, place) };
+        true
     }
 
     /// # Safety
@@ -130,21 +131,21 @@ impl Process {
         });
     }
 
+    /// As [`ready_at`](Self::ready_at), where that needs more than to queue it.
+    ///
     /// # Safety
     ///
-    /// As for [`ready_at`](Self::ready_at): this is the executor's thread, the process is one of an
-    /// executor's, and stays where it is until it was popped. `level` is below
-    /// [`LEVELS`](super::LEVELS).
+    /// As there: this is the executor's thread, the process is one of an executor's, and stays where
+    /// it is until it was popped. `level` is below [`LEVELS`](super::LEVELS).
     #[cold]
-    pub(in crate::current) unsafe fn ready_more(&self, level: u8, place: QueueEnd) {
+    pub(in crate::current) unsafe fn ready_more(&self, level: u8, place: QueueEnd) -> bool {
         let queued = self.link.level.get();
         let now = self.state.load(Ordering::Relaxed);
         if now & (state::QUEUED | state::YIELDED | state::ENDED) == 0 {
             events::ready(|| self.id.get());
             // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
-            return unsafe { self.queue_at(now, level, place) };
-        }
-        if now & state::QUEUED != 0 && queued < level {
+            unsafe { self.queue_at(now, level, place) };
+        } else if now & state::QUEUED != 0 && queued < level {
             // A more urgent branch of it has become ready: the process is queued at the level of
             // the most urgent one.
             // SAFETY: the caller promises that the process is one of an executor's.
@@ -159,6 +160,7 @@ impl Process {
                 }
             });
         }
+        now & state::ENDED == 0
     }
 
     /// Begins its turn. On the executor's thread.
