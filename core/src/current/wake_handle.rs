@@ -355,9 +355,8 @@ impl PlainPendingWake {
         fetch::lines(self.0.pointer().as_ptr().cast(), FETCHED);
     }
 
-    /// Readies the process and counts an operation of the current one; if the process waits, no
-    /// other one is ready, and the current one need not yield. Otherwise no state has changed.
-    /// O(1), without atomics.
+    /// Readies the process if it waits, no other one is ready, and the current one need not yield.
+    /// Otherwise no state has changed. O(1), without atomics.
     ///
     /// # Errors
     ///
