@@ -314,6 +314,10 @@ impl WakeHandle {
 
 /// A pending wake of a process of this thread's executor: see [`WakeHandle::take_plain`]. Dropping
 /// it loses the wake, so no user code runs between the taking and the wake.
+///
+/// # Invariants
+///
+/// It was made in a plain turn, so it is for the process' own level: the pointer has no low bits.
 #[derive(Debug)]
 #[must_use = "the process is not woken unless `wake` is called"]
 pub struct PlainPendingWake(Reference);
@@ -328,8 +332,12 @@ impl PlainPendingWake {
     }
 
     /// The process that it wakes.
+    #[inline(always)]
     pub(crate) fn process(&self) -> &Process {
-        self.0.process()
+        debug_assert_eq!(self.0.lowered(), 0);
+        // SAFETY: by the invariants of both types the pointer is that of the process, and the
+        // reference keeps its memory.
+        unsafe { self.0.0.as_ref() }
     }
 
     /// The wake as a pointer, for [`from_pointer`](Self::from_pointer).
@@ -352,7 +360,7 @@ impl PlainPendingWake {
     /// the begin of its body. A few instructions, without waiting.
     #[inline(always)]
     pub fn fetch(&self) {
-        fetch::lines(self.0.pointer().as_ptr().cast(), FETCHED);
+        fetch::lines(self.0.0.as_ptr().cast(), FETCHED);
     }
 
     /// Readies the process if it waits, no other one is ready, and the current one need not yield.
@@ -367,7 +375,7 @@ impl PlainPendingWake {
     /// As for [`wake`](Self::wake): the wake handle was made in a plain turn on this thread.
     #[inline(always)]
     pub unsafe fn wake_if_none_ready(self, turn: PlainTurn<'_>) -> Result<(), Self> {
-        let process = self.0.process();
+        let process = self.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's. A process that waits is kept by its executor until it was popped.
         unsafe {
@@ -388,7 +396,7 @@ impl PlainPendingWake {
     /// Its wake handle was made [in a plain turn](WakeHandle::of_plain_turn) on this thread.
     #[inline(always)]
     pub unsafe fn wake(self) {
-        let process = self.0.process();
+        let process = self.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's; the reference keeps the process' memory.
         unsafe { process.ready_here(0, QueueEnd::Back) };
