@@ -34,8 +34,8 @@ pub enum AfterTurn {
     Nothing,
     /// It has yielded to this process, which runs next.
     Next(NonNull<()>),
-    /// It has ended or [failed](fail_current), or its events are recorded: the turn is
-    /// [to be ended](Process::end_turn).
+    /// It has ended or [failed](fail_current), has yielded while it was queued, or its events are
+    /// recorded: the turn is [to be ended](Process::end_turn).
     More,
 }
 
