@@ -25,6 +25,12 @@ impl Branch {
         self.0 & !Self::PART == 0
     }
 
+    /// Whether it is no branch, but the process itself, without a replay log.
+    #[inline]
+    pub(super) fn is_whole(self) -> bool {
+        self.0 == Self::WHOLE.0
+    }
+
     #[inline]
     pub(super) fn has_failed(self) -> bool {
         self.0 & Self::FAILED != 0

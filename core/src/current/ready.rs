@@ -78,7 +78,8 @@ pub fn ready_again(cx: &Context<'_>, place: QueueEnd) {
 
 /// Lets the other processes of its level, and all of higher ones, run before the current process
 /// runs again. The caller returns `Pending`. In a [plain turn](plain_turn) the process is queued
-/// when the turn is over, so that the executor can exchange it with the next one.
+/// when the turn is over, so that the executor can exchange it with the next one. A process that
+/// [wakes itself](super::Process::yields_to_wake) does the same.
 #[inline]
 pub fn yield_turn(cx: &Context<'_>) {
     match plain_turn(cx) {
@@ -134,7 +135,8 @@ pub fn yield_if_outranked(cx: &Context<'_>) -> bool {
     }
 }
 
-/// How many operations one poll may complete without waiting before the process yields.
+/// How many operations one poll may complete without waiting before the process yields. One that
+/// readies its partner while no process is ready is not counted: there is one at most.
 ///
 /// Without this bound, a process with partners that are always ready would keep its executor from
 /// its timers and from remote wakes.

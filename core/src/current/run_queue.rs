@@ -205,26 +205,24 @@ impl RunQueue {
     /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
     /// and `level` is below [`LEVELS`].
     #[inline(always)]
-    pub(super) unsafe fn exchange(&self, level: u8, node: NonNull<Link>) -> Option<NonNull<Link>> {
-        if self.bits.get() == 0 {
-            // SAFETY: the caller promises that the node is live; by the invariant the process in
-            // the slot is.
-            unsafe {
+    pub(super) unsafe fn exchange(&self, level: u8, node: NonNull<Link>) -> NonNull<Link> {
+        // SAFETY: the caller promises that the node is live and in no queue, until it is pushed,
+        // and that `level` is below `LEVELS`; by the invariant the process in the slot is live.
+        // After a push a process is ready.
+        unsafe {
+            if self.bits.get() == 0 {
                 node.as_ref().level.set(level);
-                match self.slot.get() {
-                    None => return Some(node),
-                    Some(next) if next.as_ref().level.get() >= level => {
-                        self.slot.set(Some(node));
-                        return Some(next);
-                    }
-                    Some(_) => {}
+                let Some(next) = self.slot.get() else {
+                    return node;
+                };
+                if next.as_ref().level.get() >= level {
+                    self.slot.set(Some(node));
+                    return next;
                 }
             }
+            self.push_back(level, node);
+            self.pop().unwrap_unchecked()
         }
-        // SAFETY: nothing was queued above, so `node` is still in no queue. The caller promises
-        // that, that it is live until it is popped, and that `level` is below `LEVELS`.
-        unsafe { self.push_back(level, node) };
-        self.pop()
     }
 
     /// Puts a process into its level, as the first or as the last.
@@ -476,7 +474,10 @@ mod tests {
                     // queue.
                     let taken =
                         unsafe { queue.exchange(level as u8, NonNull::from(&links[index])) };
-                    assert_eq!(taken, expected.map(|first| NonNull::from(&links[first])));
+                    assert_eq!(
+                        Some(taken),
+                        expected.map(|first| NonNull::from(&links[first]))
+                    );
                 }
                 _ => {
                     let expected = lists.iter_mut().rev().find(|list| !list.is_empty());

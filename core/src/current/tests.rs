@@ -206,6 +206,24 @@ fn a_turn_that_panics_is_known_to_the_one_that_catches_it() {
 }
 
 #[test]
+fn a_waker_makes_its_process_yield_in_its_own_whole_turn_alone() {
+    within(5, |_| {
+        process(|process| {
+            let process = process.expect("one is current");
+            with_branch_below(false, 0, 0, || assert!(!process.yields_to_wake()));
+            with_branch_below(false, 1, 0, || assert!(!process.yields_to_wake()));
+            // SAFETY: no plain turn is used.
+            unsafe { outside(|| assert!(!process.yields_to_wake())) };
+            assert!(process.yields_to_wake());
+            assert_eq!(ready_levels(), 0, "it is queued when its turn is over");
+            // SAFETY: this is its turn, on its executor's thread, which forgets it afterwards.
+            unsafe { process.end_turn() };
+            assert_eq!(ready_levels(), 1 << 5);
+        });
+    });
+}
+
+#[test]
 fn a_process_within_a_branch_is_whole() {
     within(5, |_| {
         with_branch_below(true, 3, 0, || {

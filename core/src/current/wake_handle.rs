@@ -322,6 +322,10 @@ impl WakeHandle {
 
 /// A pending wake of a process of this thread's executor: see [`WakeHandle::take_plain`]. Dropping
 /// it loses the wake, so no user code runs between the taking and the wake.
+///
+/// # Invariants
+///
+/// It was made in a plain turn, so it is for the process' own level: the pointer has no low bits.
 #[derive(Debug)]
 #[must_use = "the process is not woken unless `wake` is called"]
 pub struct PlainPendingWake(Reference);
@@ -334,8 +338,12 @@ impl PlainPendingWake {
     }
 
     /// The process that it wakes.
+    #[inline(always)]
     pub(crate) fn process(&self) -> &Process {
-        self.0.process()
+        debug_assert_eq!(self.0.lowered(), 0);
+        // SAFETY: by the invariants of both types the pointer is that of the process, and the
+        // reference keeps its memory.
+        unsafe { self.0.0.as_ref() }
     }
 
     /// The wake as a pointer, for [`from_pointer`](Self::from_pointer).
@@ -358,12 +366,11 @@ impl PlainPendingWake {
     /// the begin of its body. A few instructions, without waiting.
     #[inline(always)]
     pub fn fetch(&self) {
-        fetch::lines(self.0.pointer().as_ptr().cast(), FETCHED);
+        fetch::lines(self.0.0.as_ptr().cast(), FETCHED);
     }
 
-    /// Readies the process and counts an operation of the current one; if the process waits, no
-    /// other one is ready, and the current one need not yield. Otherwise no state has changed.
-    /// O(1), without atomics.
+    /// Readies the process if it waits, no other one is ready, and the current one need not yield.
+    /// Otherwise no state has changed. O(1), without atomics.
     ///
     /// # Errors
     ///
@@ -374,7 +381,7 @@ impl PlainPendingWake {
     /// As for [`wake`](Self::wake): the wake handle was made in a plain turn on this thread.
     #[inline(always)]
     pub unsafe fn wake_if_none_ready(self, turn: PlainTurn<'_>) -> Result<(), Self> {
-        let process = self.0.process();
+        let process = self.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's. A process that waits is kept by its executor until it was popped.
         unsafe {
@@ -399,7 +406,7 @@ impl PlainPendingWake {
     /// As for `wake`: its wake handle was made in a plain turn on this thread.
     #[inline(always)]
     pub unsafe fn wake_unless_ended(self) -> Result<(), Self> {
-        let process = self.0.process();
+        let process = self.process();
         // SAFETY: the caller promises that the handle was made on this thread, which is the
         // executor's; the reference keeps the process' memory.
         if !unsafe { process.ready_here(0, QueueEnd::Back) } {
@@ -418,7 +425,7 @@ impl PlainPendingWake {
     /// Its wake handle was made [in a plain turn](WakeHandle::of_plain_turn) on this thread.
     #[inline(always)]
     pub unsafe fn wake(self) {
-        // SAFETY: demanded here too.
+        // SAFETY: the caller promises what is demanded there.
         drop(unsafe { self.wake_unless_ended() });
     }
 }

@@ -108,7 +108,7 @@ impl Shared {
     }
 
     /// Builds what has arrived. Allocates: off the real-time path.
-    pub(crate) fn build_arrivals(self: &Arc<Self>) {
+    pub(crate) fn build_arrivals(&self) {
         let mut arrived = core::mem::take(&mut self.arrivals.lock().waiting);
         if arrived.is_empty() {
             return;

@@ -10,7 +10,6 @@ use crate::interference;
 use crate::process::{Enrolled, prepare_thread};
 use crate::task;
 use alloc::sync::Arc;
-use core::ptr::NonNull;
 use core::sync::atomic::Ordering;
 use core::time::Duration;
 use luna_core::current;
@@ -75,12 +74,11 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         frees_later.then(deferred_free::keep_own),
     );
     SPARE_SHARED.with(|spare| spare.keep(shared));
+    // Not through the `Arc`, which would be read at each turn.
+    let shared = &**shared;
     current::set_on_path(true);
     while let Phase::RELEASED = shared.phase() {
-        turns(|| {
-            let mut next = None;
-            while round(shared, deadlines, true, &mut next) {}
-        });
+        turns(|| while round(shared, deadlines, true) {});
     }
     current::set_on_path(false);
     drop(keeps);
@@ -94,14 +92,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         record.cancel();
     }
     while task::count() > 0 {
-        turns(|| {
-            let mut next = None;
-            while round(shared, deadlines, false, &mut next) && task::count() > 0 {}
-            if let Some(next) = next {
-                // SAFETY: it was taken for the turn that is not given.
-                unsafe { current::put_back(next) };
-            }
-        });
+        turns(|| while round(shared, deadlines, false) && task::count() > 0 {});
     }
 }
 
@@ -115,30 +106,27 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
     }
 }
 
-/// Polls `next`, or else the first process of the run queue, or sleeps if none is ready. `false` if
-/// the phase may be another; there is no next one then.
+/// Polls the first process of the run queue, and while a process yields to another one also that;
+/// or sleeps if none is ready. `false` if the phase may be another.
 #[inline(always)]
-pub(super) fn round(
-    shared: &Arc<Shared>,
-    deadlines: &Deadlines,
-    builds_arrivals: bool,
-    next: &mut Option<NonNull<()>>,
-) -> bool {
+pub(super) fn round(shared: &Shared, deadlines: &Deadlines, builds_arrivals: bool) -> bool {
     let signals = shared.inbound.signals();
-    if !signals.is_empty() {
-        if let Some(next) = next.take() {
-            // SAFETY: it was taken for this turn, and nothing was done with it.
-            unsafe { current::put_back(next) };
-        }
-        if !look_outside(shared, deadlines, builds_arrivals, signals) {
-            return false;
-        }
+    if !signals.is_empty() && !look_outside(shared, deadlines, builds_arrivals, signals) {
+        return false;
     }
     // SAFETY: each dequeued process is given a turn at once, or retired.
-    match next.take().or_else(|| unsafe { current::next_ready() }) {
-        // SAFETY: it was just taken from this thread's queue, where only live tasks are.
-        Some(owner) => *next = unsafe { task::run(owner) },
-        None => rest(shared, deadlines),
+    let Some(mut owner) = (unsafe { current::next_ready() }) else {
+        rest(shared, deadlines);
+        return true;
+    };
+    // SAFETY: each was just taken from this thread's queue, where only live tasks are.
+    while let Some(next) = unsafe { task::run(owner) } {
+        if !shared.inbound.signals().is_empty() {
+            // SAFETY: it was taken for a turn that is not given, and nothing was done with it.
+            unsafe { current::put_back(next) };
+            break;
+        }
+        owner = next;
     }
     true
 }
@@ -147,7 +135,7 @@ pub(super) fn round(
 /// that has changed the phase.
 #[cold]
 pub(super) fn look_outside(
-    shared: &Arc<Shared>,
+    shared: &Shared,
     deadlines: &Deadlines,
     builds_arrivals: bool,
     signals: Signals,

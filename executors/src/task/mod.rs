@@ -9,8 +9,9 @@
 //!              waker or handle, on this thread      +--> run queue --> run --> Body::poll
 //! ```
 //!
-//! On the executor's own thread a wake is a flag and a push, without atomics. From another thread
-//! it is a fixed number of instructions, none of which relies on another waker to continue
+//! On the executor's own thread a wake is a flag and a push, without atomics. A process that wakes
+//! itself is pushed when its turn is over. From another thread a wake is a fixed number of
+//! instructions, none of which relies on another waker to continue
 //! ([`remote_wakes`](crate::remote_wakes)). A waker that is preempted half-way blocks no other
 //! thread.
 //!
@@ -258,7 +259,7 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
         current::give_turn(&this.process, || poll(owner, &mut cx));
         match this.process.after_turn() {
             AfterTurn::Nothing => None,
-            AfterTurn::Next(next) => next,
+            AfterTurn::Next(next) => Some(next),
             AfterTurn::More => {
                 finish_turn(task);
                 None
@@ -267,7 +268,8 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
     }
 }
 
-/// Ends a turn in which the process has ended or failed, or that is recorded.
+/// Ends a turn in which the process has ended or failed, or has yielded while it was queued, or that
+/// is recorded.
 ///
 /// # Safety
 ///

@@ -120,6 +120,44 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
     assert_eq!((process.wait(), process.polls()), (Exit::Completed, 4));
 }
 
+#[test]
+fn one_that_wakes_itself_comes_after_those_that_are_ready_when_its_turn_is_over() {
+    static WAITS: Mutex<Option<Waker>> = Mutex::new(None);
+    static ORDER: Mutex<Vec<&str>> = Mutex::new(Vec::new());
+    let _watchdog = watchdog();
+    let executor = executor();
+    executor.spawn(ProcessSpec::new("waits"), || async {
+        let mut polls = 0;
+        poll_fn(move |cx| {
+            polls += 1;
+            WAITS.lock().unwrap().replace(cx.waker().clone());
+            match polls {
+                1 => return Poll::Pending,
+                _ => ORDER.lock().unwrap().push("waits"),
+            }
+            Poll::Ready(())
+        })
+        .await;
+    });
+    let wakes = executor.spawn(ProcessSpec::new("wakes"), || async {
+        let mut polls = 0;
+        poll_fn(move |cx| {
+            ORDER.lock().unwrap().push("wakes");
+            polls += 1;
+            if polls == 2 {
+                return Poll::Ready(());
+            }
+            cx.waker().wake_by_ref();
+            WAITS.lock().unwrap().take().unwrap().wake();
+            Poll::Pending
+        })
+        .await;
+    });
+    executor.release();
+    assert_eq!(wakes.wait(), Exit::Completed);
+    assert_eq!(*ORDER.lock().unwrap(), ["wakes", "waits", "wakes"]);
+}
+
 /// A process with polls that do random things, and which hands its waker to all the attackers.
 struct Attacked {
     random: Random,

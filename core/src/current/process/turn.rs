@@ -1,12 +1,12 @@
 //! How a process becomes ready, has its turn, and yields: changes of its state by its executor.
 
 use super::{Activity, Process, QueueEnd};
-use crate::current::ready;
 use crate::current::run_queue::Link;
 use crate::current::turn::{PlainTurn, process};
+use crate::current::{local, ready};
 use crate::events;
 use core::hint::cold_path;
-use core::ptr::NonNull;
+use core::ptr::{self, NonNull};
 use core::sync::atomic::Ordering;
 
 /// The state of a process, as bits of one byte that the executor's thread writes.
@@ -33,9 +33,9 @@ pub enum AfterTurn {
     /// Nothing: the process waits, or is ready again.
     Nothing,
     /// It has yielded to this process, which runs next.
-    Next(Option<NonNull<()>>),
-    /// It has ended or [failed](fail_current), or its events are recorded: the turn is
-    /// [to be ended](Process::end_turn).
+    Next(NonNull<()>),
+    /// It has ended or [failed](fail_current), has yielded while it was queued, or its events are
+    /// recorded: the turn is [to be ended](Process::end_turn).
     More,
 }
 
@@ -65,8 +65,8 @@ impl Process {
     }
 
     /// Readies the process, which waits, if no other one is ready and the current one need not
-    /// yield to it. Counts an operation of the current one. `false`: it is not so, and no state has
-    /// changed.
+    /// yield to it. `false`: it is not so, and no state has changed. In one turn it succeeds once,
+    /// since a process is ready from then on: so it is not counted as an operation.
     ///
     /// # Safety
     ///
@@ -75,16 +75,13 @@ impl Process {
     #[inline(always)]
     pub(in crate::current) unsafe fn ready_if_none_ready(&self, turn: PlainTurn<'_>) -> bool {
         let thread = turn.thread();
-        let left = thread.operations_left.get();
         let level = self.level();
         if self.state.load(Ordering::Relaxed) != 0
-            || left == 0
             || thread.queue.is_filled()
             || level > turn.process().level()
         {
             return false;
         }
-        thread.operations_left.set(left - 1);
         self.state.store(state::QUEUED, Ordering::Relaxed);
         // SAFETY: the caller's promises are those that `ready_at` requires. By its state the
         // process is in no queue, and nothing is ready.
@@ -225,7 +222,7 @@ impl Process {
                 let link = self.link();
                 ready::with_queue(|queue| queue.exchange(self.level(), link))
             };
-            return AfterTurn::Next(next.map(NonNull::cast));
+            return AfterTurn::Next(next.cast());
         }
         if now == READY {
             self.state.store(state::QUEUED, Ordering::Relaxed);
@@ -235,13 +232,26 @@ impl Process {
         AfterTurn::More
     }
 
-    /// Makes the current process yield at the end of its turn, if it is not ready again already.
+    /// Makes the current process yield at the end of its turn. One that is queued again already is
+    /// then where the more urgent of both puts it.
     #[inline(always)]
     pub(in crate::current) fn yield_at_end(&self) {
         let now = self.state.load(Ordering::Relaxed);
-        if now & state::QUEUED == 0 {
-            self.state.store(now | state::YIELDED, Ordering::Relaxed);
+        self.state.store(now | state::YIELDED, Ordering::Relaxed);
+    }
+
+    /// For its waker: if this is the current process in a [plain turn](crate::current::plain_turn),
+    /// it [yields](crate::current::yield_turn). `false`: it is not, and is to be readied. So is one
+    /// that wakes itself in a branch: less urgent siblings then see that it is ready.
+    #[inline(always)]
+    pub fn yields_to_wake(&self) -> bool {
+        let thread = local();
+        let yields =
+            ptr::eq(thread.plain.get(), self.waker_address()) && thread.branch.get().is_whole();
+        if yields {
+            self.yield_at_end();
         }
+        yields
     }
 
     /// Whether it has [failed](fail_current) in this turn. On the executor's thread.
