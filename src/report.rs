@@ -238,6 +238,7 @@ impl EarlierProcesses {
     }
 
     /// Counts one that has ended, with an error of its own or without.
+    #[inline]
     pub(crate) fn count(&mut self, process: &Member, overruns: u64) {
         let known = process.known();
         let as_what = match known.exit {

@@ -123,11 +123,7 @@ pub unsafe fn retire(head: NonNull<Retired>) {
     if !crate::current::on_path() {
         // SAFETY: the caller promises that the allocation is live, unused, and can be freed on any
         // thread.
-        unsafe {
-            let free = head.as_ref().free;
-            free(head);
-        }
-        return;
+        return unsafe { free(head) };
     }
     let is_kept = OWN.with(|own| {
         if !own.keeps.get() || own.count.get() == MAX_OWN {
@@ -149,6 +145,18 @@ pub unsafe fn retire(head: NonNull<Retired>) {
         // `head`.
         unsafe { publish(head, head) };
     }
+}
+
+/// As [`retire`], at once: not for the real-time path.
+///
+/// # Safety
+///
+/// As for [`retire`]: `head` begins a live allocation that its function can free, on this thread,
+/// and that is no longer used.
+#[inline]
+pub unsafe fn free(head: NonNull<Retired>) {
+    // SAFETY: the caller promises that the allocation is live, unused, and can be freed here.
+    unsafe { (head.as_ref().free)(head) };
 }
 
 /// Frees all deferred allocations except those in the own lists of other threads. A panic in a drop
@@ -198,10 +206,7 @@ unsafe fn free_all(first: *mut Retired) {
 unsafe fn free_one(head: NonNull<Retired>) {
     // SAFETY: the caller promises, as for `retire`, that the allocation is live, unused, and can be
     // freed here.
-    let free = || unsafe {
-        let free = head.as_ref().free;
-        free(head);
-    };
+    let free = || unsafe { free(head) };
     if cfg!(any(loom, shuttle)) {
         // A model checker reports its findings by a panic: let it through.
         free();

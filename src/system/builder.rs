@@ -214,7 +214,6 @@ impl Executor {
 #[must_use = "a thread is made for the process that is spawned on it"]
 pub struct Thread {
     plan: Arc<Plan>,
-    name: String,
     attributes: Attributes,
 }
 
@@ -222,7 +221,6 @@ impl Thread {
     pub(crate) fn new(plan: Arc<Plan>, name: &str) -> Self {
         Self {
             plan,
-            name: name.to_owned(),
             attributes: Attributes::new(name),
         }
     }
@@ -231,19 +229,8 @@ impl Thread {
 
     /// The thread's one process to be. What is wrong with the thread is an error of `spawn`.
     pub fn process(self, name: impl AsRef<str>) -> ProcessBuilder {
-        let place = settled(&self.plan, self.attributes, false).and_then(|attributes| {
-            self.plan.take_thread_name(&self.name)?;
-            Ok(Placement::Thread(Box::new(attributes)))
-        });
-        let (place, refused) = match place {
-            Ok(place) => (place, None),
-            // No place is looked at beside this error.
-            Err(error) => (Placement::Executor(usize::MAX), Some(Box::new(error))),
-        };
-        ProcessBuilder {
-            refused,
-            ..ProcessBuilder::new(self.plan, name.as_ref(), place)
-        }
+        let place = Placement::Thread(Box::new(self.attributes));
+        ProcessBuilder::new(self.plan, name.as_ref(), place)
     }
 }
 
@@ -252,9 +239,8 @@ impl Thread {
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
     spec: ProcessSpec,
+    /// A thread as the program states it.
     place: Placement,
-    /// Why it has no place.
-    refused: Option<Box<Error>>,
     level: u8,
     shares_name: bool,
     /// If there are any.
@@ -272,7 +258,6 @@ impl ProcessBuilder {
             plan,
             spec: ProcessSpec::new(Name::from(name)),
             place,
-            refused: None,
             level: ProcessSpec::DEFAULT_LEVEL,
             shares_name: false,
             budgets: None,
@@ -280,6 +265,7 @@ impl ProcessBuilder {
     }
 
     /// At `priority`, 0 (lowest) to 31, among the processes of the same executor; 16 if not stated.
+    #[inline]
     pub fn priority(mut self, priority: u8) -> Self {
         self.level = priority;
         self
@@ -302,6 +288,7 @@ impl ProcessBuilder {
     /// assert!(report.processes.iter().all(|process| process.name == "session"));
     /// # Ok::<(), luna::Error>(())
     /// ```
+    #[inline]
     pub fn one_of_many(mut self) -> Self {
         self.shares_name = true;
         self
@@ -497,10 +484,7 @@ impl ProcessBuilder {
         mut self,
         process: impl IntoProcess<M>,
     ) -> Result<(Arc<Plan>, ProcessPlan<impl Build>)> {
-        let plain = self.plan.check_plain(self.spec.name());
-        let ledger = plain
-            .and_then(|()| self.check())
-            .inspect_err(|_| self.plan.note_refusal())?;
+        let ledger = self.check(true).inspect_err(|_| self.plan.note_refusal())?;
         Ok(self.described(ledger, process.prepare()))
     }
 
@@ -523,7 +507,9 @@ impl ProcessBuilder {
     ) -> Result<ProcessId> {
         // All that can be refused is refused before the stand-in is taken: otherwise a second
         // attempt would run the process itself unnoticed.
-        let ledger = self.check().inspect_err(|_| self.plan.note_refusal())?;
+        let ledger = self
+            .check(false)
+            .inspect_err(|_| self.plan.note_refusal())?;
         self.shares_name = false;
         let nothing = Prepared {
             resident: None,
@@ -550,10 +536,14 @@ impl ProcessBuilder {
     }
 
     /// Takes what the system file states of the process, and looks whether the description is
-    /// valid. Gives the ledger of its budgets.
-    fn check(&mut self) -> Result<Option<Arc<Ledger>>> {
-        if let Some(error) = self.refused.take() {
-            return Err(*error);
+    /// valid. Gives the ledger of its budgets. `is_plain`: no stand-in can replace it.
+    fn check(&mut self, is_plain: bool) -> Result<Option<Arc<Ledger>>> {
+        if is_plain {
+            self.plan.check_plain(self.spec.name())?;
+        }
+        if let Placement::Thread(attributes) = &mut self.place {
+            **attributes = settled(&self.plan, (**attributes).clone(), false)?;
+            self.plan.take_thread_name(attributes.name())?;
         }
         if let Some(deployment) = self.plan.deployment() {
             let Self { spec, place, .. } = self;
@@ -594,6 +584,6 @@ impl ProcessBuilder {
 }
 
 debug_parts!(ExecutorBuilder as builder: name = builder.name);
-debug_parts!(Thread as thread: name = thread.name);
+debug_parts!(Thread as thread: name = thread.attributes.name());
 debug_parts!(ProcessBuilder as builder: name = builder.spec.name());
 debug_parts!(Executor as executor: number = executor.number);

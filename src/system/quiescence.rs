@@ -156,7 +156,7 @@ fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
         };
         Some(Sleeping {
             id,
-            name: std::sync::Arc::from(member.name()),
+            name: std::sync::Arc::from(&**member.name()),
             has_ended,
             joiners: member
                 .kept()

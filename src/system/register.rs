@@ -71,7 +71,7 @@ impl Register {
         self.names.insert(name.clone())
     }
 
-    pub(super) fn give_name_back(&mut self, name: &str) {
+    pub(super) fn give_name_back(&mut self, name: &Name) {
         self.names.remove(name);
     }
 
@@ -191,7 +191,7 @@ impl Register {
         let (order, resident) = (member.order, member.take_resident());
         let of = resident
             .is_some()
-            .then(|| (order, member.name().to_owned()));
+            .then(|| (order, member.name().to_string()));
         let kept = member.forget_body();
         if let Some(error) = &error {
             keep_first(&mut self.first_error, order, error);
@@ -260,7 +260,7 @@ impl Register {
     }
 
     pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
-        self.members.get(id).map(Member::name)
+        self.members.get(id).map(|member| &**member.name())
     }
 
     /// Whether a process of this number has ended and was forgotten.
@@ -376,7 +376,7 @@ fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
 fn process_report(member: &Member) -> ProcessReport {
     let known = member.known();
     ProcessReport {
-        name: member.name().to_owned(),
+        name: member.name().to_string(),
         exit: known.exit,
         failed: member.has_failed,
         polls: known.polls,

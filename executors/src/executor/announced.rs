@@ -1,7 +1,7 @@
 //! A process that is to be built on its executor.
 
 use super::Phase;
-use crate::process::poll_monitor;
+use crate::process::is_monitored;
 use crate::task::Unbuilt;
 use core::fmt;
 use luna_core::current;
@@ -22,7 +22,7 @@ impl Announced {
         let shared = self.process.shared();
         current::executor_id() == Some(shared.executor_id)
             && shared.phase() == Phase::RELEASED
-            && poll_monitor().is_none()
+            && !is_monitored()
             && !current::is_abandoned()
             && !current::dropped_ends_poison()
     }

@@ -17,8 +17,8 @@ pub use exit_value::ExitValue;
 pub(crate) use exit_value::{ErasedExitValue, ExitValueMethods};
 pub use join::Join;
 pub use name::Name;
-pub(crate) use poll_monitor::prepare as prepare_thread;
 pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
+pub(crate) use poll_monitor::{is_monitored, prepare as prepare_thread};
 use record::{How, Outcome, Timing};
 pub(crate) use record::{Notice, RawExit, Record, RecordRef};
 pub(crate) use registry::Enrolled;
@@ -314,8 +314,15 @@ impl ProcessHandle {
         Self(RecordRef::boxed(record))
     }
 
+    /// The name itself, for a table of names.
+    #[doc(hidden)]
+    #[inline]
+    pub fn as_name(&self) -> &Name {
+        &self.0.name
+    }
+
     /// Drops this handle and another one: if they are of the same process, with fewer atomic
-    /// operations than one after the other.
+    /// operations than one after the other. Not for the real-time path: the last ones free.
     #[doc(hidden)]
     #[inline]
     pub fn drop_with(self, other: Self) {

@@ -1,7 +1,6 @@
 //! The name of a process: two words, in which most texts lie themselves, since each process has
 //! one.
 
-use alloc::borrow::Borrow;
 use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::sync::Arc;
@@ -23,14 +22,16 @@ use core::ops::Deref;
 ///
 /// # Invariants
 ///
-/// The last byte is that of `short`: the length of its text, of at most `SHORT` bytes; or
-/// `LONG`, and then `long` is valid.
+/// The last byte is that of `short`: the length of its text, of at most `SHORT` bytes, behind which
+/// there are zeros; or `LONG`, and then `long` is valid.
 pub struct Name(Text);
 
 #[repr(C)]
 union Text {
     short: Short,
     long: ManuallyDrop<Long>,
+    /// All of it, whichever it is.
+    bytes: [u8; SHORT + 1],
 }
 
 /// The longest text that lies in the name itself.
@@ -84,6 +85,12 @@ impl Name {
     fn as_short(&self) -> &Short {
         // SAFETY: all bytes are initialised, whichever it is, and any are a `Short`.
         unsafe { &self.0.short }
+    }
+
+    #[inline]
+    fn bytes(&self) -> &[u8; SHORT + 1] {
+        // SAFETY: all bytes are initialised, whichever it is.
+        unsafe { &self.0.bytes }
     }
 
     /// The text that lies elsewhere, if it does.
@@ -147,24 +154,23 @@ impl From<String> for Name {
     }
 }
 
-impl Borrow<str> for Name {
-    fn borrow(&self) -> &str {
-        self
-    }
-}
-
 impl PartialEq for Name {
+    #[inline]
     fn eq(&self, other: &Self) -> bool {
-        **self == **other
+        self.bytes() == other.bytes() || self.as_long().is_some() && **self == **other
     }
 }
 
 impl Eq for Name {}
 
-// As its text, by which it is looked for.
+// All bytes of a short text, of a number that the compiler knows.
 impl Hash for Name {
+    #[inline]
     fn hash<H: Hasher>(&self, state: &mut H) {
-        (**self).hash(state);
+        match self.as_long() {
+            Some(long) => long.hash(state),
+            None => state.write(self.bytes()),
+        }
     }
 }
 
@@ -221,9 +227,14 @@ mod tests {
 
     #[test]
     fn it_is_found_by_its_text() {
-        let mut names: HashSet<Name> = ["one", "two"].map(Name::from).into();
-        assert!(!names.insert(Name::from("one".to_owned())));
-        assert!(names.remove("two") && !names.contains("two") && names.contains("one"));
+        let long = ["a text that is long", "a text that is longer"];
+        let mut names: HashSet<Name> = ["one", "two", "", "two\0", long[0]].map(Name::from).into();
+        assert_eq!(names.len(), 5);
+        for text in ["one", long[0]] {
+            assert!(!names.insert(Name::from(text.to_owned())));
+        }
+        assert!(names.remove(&Name::from("two")) && !names.contains(&Name::from("two")));
+        assert!(names.contains(&Name::from("two\0")) && !names.contains(&Name::from(long[1])));
     }
 
     #[test]

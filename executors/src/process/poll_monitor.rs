@@ -45,6 +45,11 @@ pub fn poll_monitor() -> Option<Arc<dyn PollMonitor>> {
     MONITOR.with(|poll_monitor| poll_monitor.borrow().clone())
 }
 
+/// Whether the process that is being polled on this thread has a monitor.
+pub(crate) fn is_monitored() -> bool {
+    MONITOR.with_borrow(Option::is_some)
+}
+
 /// Makes it the one that [`poll_monitor`] gives. No process is polled within another's poll, so
 /// there is none to be restored.
 pub(super) fn set(now: Option<Arc<dyn PollMonitor>>) {

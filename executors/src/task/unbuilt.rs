@@ -45,8 +45,8 @@ impl Unbuilt {
     {
         let is_on_executor = current::executor_id() == Some(shared.executor_id);
         let free = free_retired::<F, B>;
-        let record = Record::new(spec, &shared.registry, is_on_executor, 2, free);
         let (whole, skipped) = memory::allocate::<Whole<F, B>>();
+        let record = Record::new(spec, &shared.registry, is_on_executor, 2, free);
         let unbuilt = const {
             &Methods {
                 build: build::<F, B>,

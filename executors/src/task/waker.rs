@@ -5,6 +5,7 @@ use crate::process::Record;
 use core::ptr::NonNull;
 use core::task::{RawWaker, RawWakerVTable, Waker};
 use luna_core::current::{self, QueueEnd};
+use luna_core::deferred_free;
 
 /// The waker of the process of `task`: it takes over the reference that is counted for the process.
 ///
@@ -68,5 +69,5 @@ unsafe fn wake_by_ref(data: *const ()) {
 unsafe fn discard(data: *const ()) {
     // SAFETY: the reference was counted for the waker of this data, which ends here. The pointer is
     // one to all of the task's memory, by the task's invariant.
-    unsafe { Record::count_less(Task::record(task(data)), 1) };
+    unsafe { Record::count_less(Task::record(task(data)), 1, deferred_free::retire) };
 }

@@ -324,13 +324,14 @@ impl Member {
         }
     }
 
-    pub(crate) fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &Name {
         match &self.is {
-            Is::Kept { handle, .. } => handle.name(),
+            Is::Kept { handle, .. } => handle.as_name(),
             Is::Ended { name, .. } => name,
         }
     }
 
+    #[inline]
     pub(crate) fn known(&self) -> Known {
         match &self.is {
             Is::Kept { handle, .. } => Known {

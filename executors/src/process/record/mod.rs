@@ -19,7 +19,7 @@ use core::ptr::NonNull;
 pub(in crate::process) use end::Outcome;
 use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
-use luna_core::deferred_free::{self, Retired};
+use luna_core::deferred_free::Retired;
 use luna_core::replay_log::LogInstaller;
 use luna_core::{events, path};
 use luna_platform::clock::Instant;
@@ -200,15 +200,19 @@ impl Record {
         }
     }
 
-    /// Counts so many references less; the last frees the memory: at once, or off the real-time
-    /// path.
+    /// Counts so many references less; after the last, frees the memory by `free`.
     ///
     /// # Safety
     ///
     /// They were counted for the caller, which does not use the record any more. The pointer may be
-    /// used for all of the memory that the record lies in.
+    /// used for all of the memory that the record lies in. `free` is [`retire`](luna_core::deferred_free::retire), or
+    /// off the real-time path [`free`](luna_core::deferred_free::free).
     #[inline]
-    pub(crate) unsafe fn count_less(this: NonNull<Self>, count: u32) {
+    pub(crate) unsafe fn count_less(
+        this: NonNull<Self>,
+        count: u32,
+        free: unsafe fn(NonNull<Retired>),
+    ) {
         // SAFETY: the caller promises that the references were counted for it, so the record is
         // live until they are not. Without any no other code uses it, and the pointer may be used
         // for all of its memory, as freeing requires. AcqRel, and no fence, which ThreadSanitizer
@@ -219,7 +223,7 @@ impl Record {
             if references.load(Ordering::Acquire) == count
                 || references.fetch_sub(count, Ordering::AcqRel) == count
             {
-                deferred_free::retire(this.cast());
+                free(this.cast());
             }
         }
     }

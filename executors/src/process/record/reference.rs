@@ -6,7 +6,7 @@ use alloc::boxed::Box;
 use core::mem::ManuallyDrop;
 use core::ops::Deref;
 use core::ptr::NonNull;
-use luna_core::deferred_free::Retired;
+use luna_core::deferred_free::{self, Retired};
 
 /// A counted reference to a record.
 ///
@@ -47,7 +47,8 @@ impl RecordRef {
         ManuallyDrop::new(self).0
     }
 
-    /// Drops two references, without counting if they are the last ones to one record.
+    /// Drops two references, without counting if they are the last ones to one record. Off the
+    /// real-time path: those free at once.
     #[inline]
     pub(in crate::process) fn drop_with(self, other: Self) {
         if self.0 != other.0 {
@@ -56,7 +57,7 @@ impl RecordRef {
         core::mem::forget(other);
         // SAFETY: two references to this record were counted for these, which are not used any
         // more. Their pointer may be used for all of the record's memory.
-        unsafe { Record::count_less(self.into_raw(), 2) };
+        unsafe { Record::count_less(self.into_raw(), 2, deferred_free::free) };
     }
 
     /// Reports the end of this process, which has [finished](Record::finish), to the registry that
@@ -99,7 +100,7 @@ impl Drop for RecordRef {
     fn drop(&mut self) {
         // SAFETY: this reference was counted, and is not used any more. Its pointer may be used for
         // all of the record's memory.
-        unsafe { Record::count_less(self.0, 1) };
+        unsafe { Record::count_less(self.0, 1, deferred_free::retire) };
     }
 }
 
