@@ -11,7 +11,10 @@ use core::cmp::Reverse;
 /// See the module.
 #[derive(Debug)]
 pub(super) struct ReadySet {
-    /// The ready members, each once, with a rank that it has or has had.
+    /// The only ready member, if there is one and it is not in the heap: most sets have one, of
+    /// which the rank does not matter.
+    lone: Option<usize>,
+    /// The other ready members, each once, with a rank that it has or has had.
     ready: BinaryHeap<Reverse<(u64, usize)>>,
     ranks: Vec<u64>,
     /// The first rank behind all members.
@@ -21,6 +24,7 @@ pub(super) struct ReadySet {
 impl ReadySet {
     pub(super) fn new() -> Self {
         Self {
+            lone: None,
             ready: BinaryHeap::new(),
             ranks: Vec::new(),
             next: 0,
@@ -39,6 +43,14 @@ impl ReadySet {
     /// Marks a member as ready that was not. O(log n).
     #[inline]
     pub(super) fn set(&mut self, member: usize) {
+        match self.lone.is_none() && self.ready.is_empty() {
+            true => self.lone = Some(member),
+            false => self.push(member),
+        }
+    }
+
+    #[inline(never)]
+    fn push(&mut self, member: usize) {
         self.ready.push(Reverse((self.ranks[member], member)));
     }
 
@@ -53,11 +65,14 @@ impl ReadySet {
     /// Marks the [first](Self::first) as not ready. O(log n).
     #[inline]
     pub(super) fn clear_first(&mut self) {
-        self.ready.pop();
+        if self.lone.take().is_none() {
+            self.ready.pop();
+        }
     }
 
     /// Marks all as not ready.
     pub(super) fn clear_all(&mut self) {
+        self.lone = None;
         self.ready.clear();
     }
 
@@ -65,6 +80,17 @@ impl ReadySet {
     /// was ready.
     #[inline]
     pub(super) fn first(&mut self) -> Option<usize> {
+        match self.ready.is_empty() {
+            true => self.lone,
+            false => self.first_of_many(),
+        }
+    }
+
+    #[inline(never)]
+    fn first_of_many(&mut self) -> Option<usize> {
+        if let Some(lone) = self.lone.take() {
+            self.push(lone);
+        }
         while let Some(&Reverse((rank, member))) = self.ready.peek() {
             if self.ranks[member] == rank {
                 return Some(member);
