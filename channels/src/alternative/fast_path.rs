@@ -287,6 +287,8 @@ impl Visit for Leaving<'_> {
 #[derive(Debug)]
 pub(super) struct Listing<'a> {
     turn: PlainTurn<'a>,
+    /// The process: read once.
+    user: LastUser,
     select_state: NonNull<SelectState>,
 }
 
@@ -297,7 +299,11 @@ impl<'a> Listing<'a> {
     /// before they and the select state go.
     #[inline(always)]
     pub(super) unsafe fn of(turn: PlainTurn<'a>, select_state: NonNull<SelectState>) -> Self {
-        Self { turn, select_state }
+        Self {
+            turn,
+            user: LastUser::process(turn.process().id()),
+            select_state,
+        }
     }
 }
 
@@ -315,7 +321,7 @@ impl Visit for Listing<'_> {
         unsafe {
             let mut lists = wait_point.kept(self.turn);
             Waiter::<()>::begin_guard_alone(node.cast(), self.select_state, number);
-            lists.note_user(of_sender, LastUser::process(self.turn.process().id()));
+            lists.note_user(of_sender, self.user);
             match lists.waiting.is_idle() {
                 true => lists.waiting = Waiting::alone_guard(node, of_sender),
                 false => list_in_queue(&mut lists, node, of_sender),

@@ -172,9 +172,7 @@ impl<'a, T> Alternative<'a, T> {
         };
         if self.all_ended() {
             // They have reported their end, and now there is one to wait for.
-            (0..self.entries.len())
-                .filter(|&other| self.entries[other].is_some())
-                .for_each(|other| self.ready.clear(other));
+            self.ready.clear_all();
         }
         self.count += 1;
         // SAFETY: the hub lives as long as this alternative, which alone has the entry.
@@ -188,7 +186,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     /// Removes a channel; returns whether it was there. A value that was received from it and not
-    /// handed on goes back to its head. Frees; not for the real-time path. O(1).
+    /// handed on goes back to its head. Frees; not for the real-time path. O(n).
     pub fn remove(&mut self, index: usize) -> bool {
         let Some(entry) = self.entries.get_mut(index).and_then(Option::take) else {
             return false;
@@ -201,7 +199,7 @@ impl<'a, T> Alternative<'a, T> {
         // No thread pushes it from here on. All entries pushed before are known now, and this one
         // is not on the stack.
         self.drain();
-        self.ready.remove(index);
+        self.ready.clear(index);
         let had_all_ended = self.all_ended();
         self.count -= 1;
         self.ended -= usize::from(has_ended);
@@ -244,10 +242,9 @@ impl<'a, T> Alternative<'a, T> {
     /// It is not itself a guard: a server that also waits for a tick or a stop receives them over
     /// one of its input channels. Cancel-safe: a value that was received and not handed on is the
     /// result of the next call. Real-time path: yes, but for the first call, which registers with
-    /// all channels, at the priority of the process that makes it: O(n). After that O(1) a
-    /// selection (the levels of a tree with 64 branches; a fair one renumbers its n channels once
-    /// in at least n selections), and O(1) for each channel that has become ready and was emptied
-    /// by other receivers since. The selection that reports the last channel's end is O(n).
+    /// all channels, at the priority of the process that makes it: O(n). After that O(log r) a
+    /// selection among r ready channels, and as much for each channel that has become ready or was
+    /// emptied by other receivers since. A selection that reports a channel's end is O(n).
     ///
     /// ```
     /// use luna_channels::{Alternative, Buffer, buffered};
@@ -373,6 +370,7 @@ impl<'a, T> Alternative<'a, T> {
     /// Once all have ended, each is ready to report that again. O(n) then.
     fn ready_if_all_ended(&mut self) {
         if self.all_ended() {
+            self.ready.clear_all();
             (0..self.entries.len())
                 .filter(|&index| self.entries[index].is_some())
                 .for_each(|index| self.ready.set(index));
@@ -380,7 +378,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     /// Notes that the owner has the report of a channel's end: the channel is not waited for any
-    /// more. O(1), and O(n) for the last one.
+    /// more. O(n).
     #[cold]
     fn leave_out(&mut self, index: usize, error: RecvError) {
         let Some(entry) = self.entries[index] else {

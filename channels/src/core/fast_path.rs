@@ -355,10 +355,10 @@ unsafe fn meet_guard<const SEND: bool>(
         }
         let commit_lock = match select_state.enter_commit_lock(turn) {
             Ok(commit_lock) => commit_lock,
-            Err(refused) => return guard_refuses(lists, select_state, Err(refused)),
+            Err(refused) => return guard_refuses(lists, select_state, refused),
         };
         let Some(ready) = select_state.commit_plainly(number) else {
-            return guard_refuses(lists, select_state, Ok(commit_lock));
+            return not_committed(lists, select_state, commit_lock);
         };
         lists.set_nothing_waits();
         if !commit_lock.leave() {
@@ -415,15 +415,28 @@ unsafe fn meet_guard_long<const SEND: bool>(
 pub(super) fn guard_refuses(
     lists: InsideGuard<'_, WaitQueues>,
     select_state: &SelectState,
-    commit_lock: Result<InsideGuard<'_, ()>, Refused>,
+    refused: Refused,
 ) -> FastPath {
-    match commit_lock {
-        Ok(commit_lock) => drop(commit_lock),
-        Err(Refused::Revoked) => select_state.after_revocation(),
-        Err(Refused::NotBiased) => {}
+    if refused == Refused::Revoked {
+        select_state.after_revocation();
     }
     drop(lists);
     FastPath::No
+}
+
+/// As [`guard_refuses`], in the commit lock. Inlined: a guard that is an argument has to lie in
+/// memory all the time before.
+#[inline(always)]
+pub(super) fn not_committed(
+    lists: InsideGuard<'_, WaitQueues>,
+    select_state: &SelectState,
+    commit_lock: InsideGuard<'_, ()>,
+) -> FastPath {
+    let refused = match commit_lock.leave() {
+        true => Refused::NotBiased,
+        false => Refused::Revoked,
+    };
+    guard_refuses(lists, select_state, refused)
 }
 
 /// As the rest of [`meet_guard`], where the bias of the commit lock was revoked meanwhile. The lock

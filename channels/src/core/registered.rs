@@ -2,7 +2,7 @@
 //! [`fast_path`](super::fast_path), with an [`Alternative`](crate::Alternative) on the receiving
 //! side.
 
-use super::fast_path::{depart, give_revoked, guard_refuses, wait_alone};
+use super::fast_path::{depart, give_revoked, guard_refuses, not_committed, wait_alone};
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
 use crate::select_state::SelectState;
@@ -38,10 +38,10 @@ impl<T> Channel<T> {
             let select_state = Entry::<T>::select_state(node.cast());
             let commit_lock = match select_state.enter_commit_lock(turn) {
                 Ok(commit_lock) => commit_lock,
-                Err(refused) => return guard_refuses(lists, select_state, Err(refused)),
+                Err(refused) => return guard_refuses(lists, select_state, refused),
             };
             let Some(committed) = Entry::<T>::commit_or_announce(node.cast()) else {
-                return guard_refuses(lists, select_state, Ok(commit_lock));
+                return not_committed(lists, select_state, commit_lock);
             };
             let is_biased = commit_lock.leave();
             match committed {

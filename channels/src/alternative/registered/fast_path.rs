@@ -51,11 +51,10 @@ impl<T> Alternative<'_, T> {
             }
         };
         let (value, ready) = entry.channel().take_sender_if(turn, is_first, note)?;
-        match self.is_fair {
-            true => self.ready.choose(index, is_ready),
-            false if !is_ready => self.ready.clear(index),
-            false => {}
+        if !is_ready {
+            self.ready.clear_first();
         }
+        self.note_choice(index);
         // SAFETY: the sender was listed by the executor to which the lock is biased: this thread.
         if unsafe { wake_partner(ready, turn) } == FastPath::GaveWay {
             self.keep_value(index, value);

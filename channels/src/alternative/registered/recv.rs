@@ -136,8 +136,8 @@ impl<T> Alternative<'_, T> {
                         }
                     }
                     Some(Err(error)) => {
-                        self.note_choice(index);
                         self.leave_out(index, error);
+                        self.note_choice(index);
                         return self.fails(index, error, cx);
                     }
                 }
@@ -299,6 +299,7 @@ impl<T> Logged for Alternative<'_, T> {
         let error = match number & 3 {
             replay::failure::NOTHING => {
                 entry.channel().note_alternative();
+                self.ready.clear_all();
                 self.ready.set(index);
                 return match self.try_recv(index) {
                     Some(Ok(())) => Poll::Ready(()),
