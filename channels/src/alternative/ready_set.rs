@@ -1,8 +1,9 @@
 //! Which channels of an `Alternative` are ready, in its order of preference.
 //!
 //! Each member has a *rank*; the ready member of the lowest rank is first. A fair set gives a
-//! member that was chosen a rank behind all others. The heap of the ready members learns that when
-//! the member has become its first one, so a choice searches for nothing.
+//! member that was chosen a rank behind all others. The heap of the ready members still has the
+//! old rank. It is corrected when the member is first in the heap, so no call searches for a member
+//! that was chosen.
 
 use alloc::collections::BinaryHeap;
 use alloc::vec::Vec;
@@ -51,6 +52,10 @@ impl ReadySet {
 
     #[inline(never)]
     fn push(&mut self, member: usize) {
+        debug_assert!(
+            self.ready.len() < self.ready.capacity(),
+            "it would allocate"
+        );
         self.ready.push(Reverse((self.ranks[member], member)));
     }
 

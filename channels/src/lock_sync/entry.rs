@@ -79,8 +79,8 @@ impl Entry {
         inheritor: Option<Inheritor>,
     ) {
         // SAFETY: it is room for an entry that no other thread accesses, as is demanded here. The
-        // entry is in no list. It stays until `end`, so the node of `listed` can be listed with the process; it is
-        // in no list yet.
+        // entry is in no list. It stays until `end`, so the node of `listed` can be listed with the
+        // process; it is in no list yet.
         unsafe {
             let this = entry.as_ptr();
             this.write(Entry {

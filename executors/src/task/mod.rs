@@ -268,8 +268,8 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
     }
 }
 
-/// Ends a turn in which the process has ended or failed, or has yielded while it was queued, or that
-/// is recorded.
+/// Ends a turn in which the process has ended or failed, or has yielded while it was queued. Or the
+/// turn is recorded.
 ///
 /// # Safety
 ///

@@ -57,7 +57,7 @@ unsafe fn wake_by_ref(data: *const ()) {
         let task = task(data);
         let process = &task.as_ref().process;
         if process.yields_to_wake() {
-            // It runs after those that are ready when its turn is over.
+            // It is queued when its turn is over.
         } else if current::executor_id() == Some(process.executor_id()) {
             process.ready_at(process.level(), QueueEnd::Back);
         } else {

@@ -51,7 +51,8 @@ pub fn fail_current() {
 }
 
 impl Process {
-    /// Readies the process without its waker, `lowered` levels below its own. `false`: it has ended.
+    /// Readies the process without its waker, `lowered` levels below its own. `false`: it has
+    /// ended.
     ///
     /// # Safety
     ///
@@ -132,8 +133,8 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// As there: this is the executor's thread, the process is one of an executor's, and stays where
-    /// it is until it was popped. `level` is below [`LEVELS`](super::LEVELS).
+    /// As there: this is the executor's thread. The process is one of an executor's, and stays
+    /// where it is until it was popped. `level` is below [`LEVELS`](super::LEVELS).
     #[cold]
     pub(in crate::current) unsafe fn ready_more(&self, level: u8, place: QueueEnd) -> bool {
         let queued = self.link.level.get();
@@ -232,8 +233,8 @@ impl Process {
         AfterTurn::More
     }
 
-    /// Makes the current process yield at the end of its turn. One that is queued again already is
-    /// then where the more urgent of both puts it.
+    /// Makes the current process yield at the end of its turn. If it is queued already, it stays at
+    /// the higher of the two levels.
     #[inline(always)]
     pub(in crate::current) fn yield_at_end(&self) {
         let now = self.state.load(Ordering::Relaxed);

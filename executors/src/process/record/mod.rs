@@ -205,8 +205,9 @@ impl Record {
     /// # Safety
     ///
     /// They were counted for the caller, which does not use the record any more. The pointer may be
-    /// used for all of the memory that the record lies in. `free` is [`retire`](luna_core::deferred_free::retire), or
-    /// off the real-time path [`free`](luna_core::deferred_free::free).
+    /// used for all of the memory that the record lies in. `free` is
+    /// [`retire`](luna_core::deferred_free::retire), or off the real-time path
+    /// [`free`](luna_core::deferred_free::free).
     #[inline]
     pub(crate) unsafe fn count_less(
         this: NonNull<Self>,
