@@ -25,15 +25,21 @@
 //! for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between its
 //! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
 
+mod guards;
+mod queued;
+
+pub(super) use guards::{give_revoked, guard_refuses, not_committed};
+pub(crate) use queued::part_from;
+
 use super::Channel;
-use crate::alternative::{Commit, commit, take_first};
-use crate::select_state::SelectState;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use core::ptr::NonNull;
+use guards::meet_guard;
 use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
+use queued::meet_otherwise;
 
 /// Result of an operation on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -321,198 +327,6 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
     }
 }
 
-/// As [`meet`], where a guard waits alone for an operation of this side. The lock was kept. Rare
-/// cases are left to functions that are called last, so that no register is saved for them.
-///
-/// # Safety
-///
-/// As for [`meet`]; the lock was kept, and `guard` waits alone for an operation of this side.
-#[inline(never)]
-unsafe fn meet_guard<const SEND: bool>(
-    wait_point: &WaitPoint,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-    guard: NonNull<WaitNode>,
-) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
-    // its select state, which is live while the lock is held: the owner needs it to withdraw the
-    // guard. If the select state is left, the guard is stale, and `wait_alone` overwrites its note.
-    // Its partner commits it under the commit lock, which no thread holds across a poll, and which
-    // this one enters once, by its bias. Until it is settled it is a waiting operation of the
-    // channel: its value can be moved as in `meet`.
-    unsafe {
-        let mut lists = wait_point.kept(turn);
-        // In a model every value is moved here.
-        if !lists.moves_word && cfg!(not(loom)) {
-            lists.keep();
-            return meet_guard_long::<SEND>(wait_point, node, turn, guard);
-        }
-        let (select_state, number) = Waiter::<()>::guard_of(guard.cast());
-        let select_state = select_state.as_ref();
-        if !select_state.is_open() {
-            Waiter::<()>::settle_stale(guard.cast());
-            return wait_alone::<SEND>(wait_point, lists, node, turn);
-        }
-        let commit_lock = match select_state.enter_commit_lock(turn) {
-            Ok(commit_lock) => commit_lock,
-            Err(refused) => return guard_refuses(lists, select_state, refused),
-        };
-        let Some(ready) = select_state.commit_plainly(number) else {
-            return not_committed(lists, select_state, commit_lock);
-        };
-        lists.set_nothing_waits();
-        if !commit_lock.leave() {
-            lists.keep();
-            return give_revoked::<SEND>(wait_point, node, turn, guard, ready);
-        }
-        let (from, to) = match SEND {
-            true => (node, guard.cast()),
-            false => (guard.cast(), node),
-        };
-        match cfg!(loom) {
-            true => move_value(wait_point, from, to),
-            false => Waiter::move_word(from, to),
-        }
-        depart::<SEND>(wait_point, lists, (guard, ready), turn)
-    }
-}
-
-/// As [`meet_guard`], for a value that is longer than a word.
-///
-/// # Safety
-///
-/// As for [`meet_guard`]: the lock was kept, and `guard` waits alone for an operation of this side.
-#[inline(never)]
-unsafe fn meet_guard_long<const SEND: bool>(
-    wait_point: &WaitPoint,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-    guard: NonNull<WaitNode>,
-) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
-    // its select state, and no other thread can withdraw it under the lock: so `commit` finds that
-    // live. A stale guard is settled before `wait_alone` overwrites its note; a chosen one is taken
-    // off for `give`.
-    unsafe {
-        let mut lists = wait_point.kept(turn);
-        match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
-            Commit::Chosen(ready) => {
-                lists.set_nothing_waits();
-                give::<SEND>(wait_point, lists, node, (guard, ready), turn)
-            }
-            Commit::Stale => {
-                Waiter::<()>::settle_stale(guard.cast());
-                wait_alone::<SEND>(wait_point, lists, node, turn)
-            }
-            Commit::No => FastPath::No,
-        }
-    }
-}
-
-/// The alternative of a guard cannot be committed on the fast path.
-#[cold]
-#[inline(never)]
-pub(super) fn guard_refuses(
-    lists: InsideGuard<'_, WaitQueues>,
-    select_state: &SelectState,
-    refused: Refused,
-) -> FastPath {
-    if refused == Refused::Revoked {
-        select_state.after_revocation();
-    }
-    drop(lists);
-    FastPath::No
-}
-
-/// As [`guard_refuses`], in the commit lock. Inlined: a guard that is an argument has to lie in
-/// memory all the time before.
-#[inline(always)]
-pub(super) fn not_committed(
-    lists: InsideGuard<'_, WaitQueues>,
-    select_state: &SelectState,
-    commit_lock: InsideGuard<'_, ()>,
-) -> FastPath {
-    let refused = match commit_lock.leave() {
-        true => Refused::NotBiased,
-        false => Refused::Revoked,
-    };
-    guard_refuses(lists, select_state, refused)
-}
-
-/// As the rest of [`meet_guard`], where the bias of the commit lock was revoked meanwhile. The lock
-/// of the wait point was kept.
-///
-/// # Safety
-///
-/// As for [`meet`]; the lock was kept. The alternative was committed through this guard, which is
-/// noted nowhere any more, or through this entry of a registered one; it is not settled. `ready` is
-/// its wake.
-#[cold]
-#[inline(never)]
-pub(super) unsafe fn give_revoked<const SEND: bool>(
-    wait_point: &WaitPoint,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-    guard: NonNull<WaitNode>,
-    ready: PlainPendingWake,
-) -> FastPath {
-    // SAFETY: the owner needs the lock of the wait point, which was kept, before it can withdraw
-    // the guard or free it: so its select state is live until the guard is settled. The lock is
-    // taken back once, and the guard was committed and taken off, as `give` demands.
-    unsafe {
-        let (select_state, _) = Waiter::<()>::guard_of(guard.cast());
-        select_state.as_ref().after_revocation();
-        let lists = wait_point.kept(turn);
-        give::<SEND>(wait_point, lists, node, (guard, ready), turn)
-    }
-}
-
-/// As [`meet`], where neither nothing nor a partner waits alone. The lock was kept.
-///
-/// # Safety
-///
-/// As for [`meet`]: of `channel` and `node`. The lock was kept.
-#[cold]
-#[inline(never)]
-unsafe fn meet_otherwise<const SEND: bool>(
-    channel: NonNull<WaitPoint>,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once in each way. The channel is live, and the
-    // node new, as for `meet`. `take_first` gets a queue of a plain channel without a buffer, and
-    // what it takes was committed and is not settled, as `give` demands. `send` and `recv` are
-    // called without the lock.
-    unsafe {
-        let wait_point = channel.as_ref();
-        let mut lists = wait_point.kept(turn);
-        let mut nothing_waits = lists.leave_queues();
-        if lists.waiting == Waiting::QUEUES && lists.is_plain_rendezvous() && !lists.is_storing {
-            match take_first(lists.waiting_for::<SEND>(), turn) {
-                Some(Some(partner)) => return give::<SEND>(wait_point, lists, node, partner, turn),
-                Some(None) => nothing_waits = lists.leave_queues(),
-                None => return FastPath::No,
-            }
-        }
-        if nothing_waits {
-            drop(lists);
-            return match SEND {
-                true => send(channel, node, turn),
-                false => recv(channel, node, turn),
-            };
-        }
-        if lists.waiting != Waiting::QUEUES {
-            // A second operation of the same side.
-            return FastPath::No;
-        }
-        if !lists.is_rendezvous() && lists.is_plain && lists.receivers.is_empty() {
-            lists.keep();
-            return meet_store::<SEND>(channel, node, turn);
-        }
-        FastPath::No
-    }
-}
-
 /// Moves the value between the operation with this node and a partner that does not wait any more,
 /// and lets the partner go.
 ///
@@ -539,71 +353,6 @@ unsafe fn give<const SEND: bool>(
         };
         move_value(wait_point, from, to);
         depart::<SEND>(wait_point, lists, partner, turn)
-    }
-}
-
-/// Lets a partner go that an alternative has met, after the value was moved. The lock was kept.
-///
-/// # Safety
-///
-/// This thread has kept the lock, and the value was moved. The partner waits alone, or is the first
-/// of its queue and a plain operation, of which [`Waiter::has_plain_wake_handle`] is true.
-#[inline(always)]
-pub(crate) unsafe fn part_from(
-    wait_point: &WaitPoint,
-    partner: NonNull<WaitNode>,
-    by_sender: bool,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: the lock was kept, the value was moved, and the partner still waits, as is demanded
-    // here and there.
-    unsafe {
-        match by_sender {
-            true => part_kept::<true>(wait_point, partner, turn),
-            false => part_kept::<false>(wait_point, partner, turn),
-        }
-    }
-}
-
-/// # Safety
-///
-/// As for [`part_from`]: the lock was kept, the value was moved, and the partner still waits.
-#[inline(never)]
-unsafe fn part_kept<const SEND: bool>(
-    wait_point: &WaitPoint,
-    partner: NonNull<WaitNode>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once, or kept again for `part_queued`. A partner
-    // that is noted as alone is the one that was met: the lock was not left since.
-    unsafe {
-        let lists = wait_point.kept(turn);
-        if lists.waiting.one(!SEND).is_none() {
-            lists.keep();
-            return part_queued::<SEND>(wait_point, turn);
-        }
-        part::<SEND>(wait_point, lists, partner, turn)
-    }
-}
-
-/// As [`part_kept`], for a partner that is the first of its queue.
-///
-/// # Safety
-///
-/// As for [`part_from`]: the lock was kept, the value was moved, and the first of the queue still
-/// waits.
-#[cold]
-#[inline(never)]
-unsafe fn part_queued<const SEND: bool>(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
-    // without a buffer, where `look_at_queues` has found a partner. It was taken off, as `depart`
-    // demands.
-    unsafe {
-        let mut lists = wait_point.kept(turn);
-        match take_first(lists.waiting_for::<SEND>(), turn) {
-            Some(Some(partner)) => depart::<SEND>(wait_point, lists, partner, turn),
-            _ => unreachable!("the first of a queue has changed under the lock"),
-        }
     }
 }
 
