@@ -7,7 +7,9 @@ use common::{Log, SpawnOk, watchdog};
 use futures_lite::future;
 use luna::Error;
 use luna::prelude::*;
+use std::future::poll_fn;
 use std::sync::Arc;
+use std::task::Poll;
 
 #[test]
 fn values_and_errors_are_those_of_par() {
@@ -325,25 +327,82 @@ impl std::task::Wake for Passes {
 }
 
 #[test]
-fn an_os_thread_keeps_the_order_only() {
+fn a_branch_that_yields_comes_again_before_those_below_where_there_are_levels() {
     let _watch = watchdog();
+    async fn three_steps(log: Log) -> luna::Result<()> {
+        let step = async |name: &str| {
+            for _ in 0..2 {
+                log.add(name);
+                luna::yield_now().await;
+            }
+            Ok::<_, Error>(())
+        };
+        pri_par!(step("a"), step("b"), step("c")).await?;
+        Ok(())
+    }
     let log = Log::default();
-    let own = log.clone();
     let mut system = System::new("thread");
-    system
-        .thread("alone")
-        .process("parent")
-        .spawn_ok(async move {
-            let step = async |name: &str| {
-                for _ in 0..2 {
-                    own.add(name);
-                    luna::yield_now().await;
-                }
-                Ok::<_, Error>(())
-            };
-            pri_par!(step("a"), step("b"), step("c")).await?;
-            Ok(())
-        });
+    let body = three_steps(log.clone());
+    system.thread("alone").process("parent").spawn_ok(body);
     system.run().unwrap();
+    assert_eq!(log.all().join(" "), "a a b b c c");
+    let log = Log::default();
+    luna::run(three_steps(log.clone())).unwrap();
     assert_eq!(log.all().join(" "), "a b c a b c");
+}
+
+/// Lets others run once, by the waker of the process or by `yield_now`.
+async fn give_way(by_waker: bool) {
+    if !by_waker {
+        return luna::yield_now().await;
+    }
+    let mut is_over = false;
+    poll_fn(|cx| {
+        if is_over {
+            return Poll::Ready(());
+        }
+        is_over = true;
+        cx.waker().wake_by_ref();
+        Poll::Pending
+    })
+    .await;
+}
+
+/// A lower branch does not go on while its process is ready at a higher level.
+#[test]
+fn a_lower_branch_gives_way_to_one_that_lets_others_run() {
+    let _watch = watchdog();
+    for (by_waker, is_a_branch) in [(true, true), (true, false), (false, true), (false, false)] {
+        let log = Log::default();
+        on_one_executor(|process| {
+            let own = log.clone();
+            process("parent", 10).spawn_ok(async move {
+                let (sender, _receiver) = luna::buffered(Buffer::fifo(2));
+                let higher = async {
+                    own.add("higher");
+                    give_way(by_waker).await;
+                    own.add("higher again");
+                    Ok::<_, Error>(())
+                };
+                let lower = async {
+                    sender.send(1).await?;
+                    own.add("lower");
+                    sender.send(2).await?;
+                    own.add("lower again");
+                    Ok::<_, Error>(())
+                };
+                if is_a_branch {
+                    pri_par!(higher, lower).await?;
+                } else {
+                    // The first branch of the construct is at the level of the process.
+                    let beside = async { pri_par!(async { Ok::<_, Error>(()) }, lower).await };
+                    let (higher, beside) = future::zip(higher, beside).await;
+                    higher.and(beside.map(drop))?;
+                }
+                Ok(())
+            });
+        });
+        let expected = ["higher", "higher again", "lower", "lower again"];
+        assert_eq!(log.all(), expected, "{by_waker} {is_a_branch}");
+    }
 }

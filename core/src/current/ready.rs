@@ -46,7 +46,8 @@ pub unsafe fn next_ready() -> Option<NonNull<()>> {
 }
 
 /// Whether a process of higher level than the current one, or the current branch, is ready on its
-/// executor: then a completed communication yields to it.
+/// executor: then a completed communication yields to it. So it does in a lowered branch if the
+/// current process is to run again at a higher level.
 #[inline]
 pub fn is_outranked() -> bool {
     THREAD.with(|thread| {
@@ -58,6 +59,7 @@ pub fn is_outranked() -> bool {
                 .level()
                 .saturating_sub(thread.branch.get().lowered());
             thread.queue.has_above(level)
+                || process.level() > level && process.is_owned() && process.yields()
         })
     })
 }

@@ -255,6 +255,12 @@ impl Process {
         yields
     }
 
+    /// Whether the current process [yields at the end](Self::yield_at_end) of its turn.
+    #[inline]
+    pub(in crate::current) fn yields(&self) -> bool {
+        self.state.load(Ordering::Relaxed) & state::YIELDED != 0
+    }
+
     /// Whether it has [failed](fail_current) in this turn. On the executor's thread.
     #[inline]
     pub fn has_failed(&self) -> bool {
