@@ -133,6 +133,7 @@ impl Register {
         std::mem::take(&mut self.has_news)
     }
 
+    /// Frees the process' memory if no handle is left, also in the turn of a process that spawns.
     #[inline]
     fn note_reported(&mut self, ended: ProcessHandle, emergency: &Emergency) {
         if let Some(kept) = self.note_end(ended.id(), emergency) {

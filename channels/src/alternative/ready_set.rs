@@ -12,8 +12,9 @@ use core::cmp::Reverse;
 /// See the module.
 #[derive(Debug)]
 pub(super) struct ReadySet {
-    /// The only ready member, if there is one and it is not in the heap: most sets have one, of
-    /// which the rank does not matter.
+    /// A ready member that is not in the heap, if there is one: the only one, unless others have
+    /// become ready since the last [`first`](Self::first). Most sets have one ready member, of which
+    /// the rank does not matter.
     lone: Option<usize>,
     /// The other ready members, each once, with a rank that it has or has had.
     ready: BinaryHeap<Reverse<(u64, usize)>>,
@@ -67,10 +68,12 @@ impl ReadySet {
         }
     }
 
-    /// Marks the [first](Self::first) as not ready. O(log n).
+    /// Marks the [first](Self::first) as not ready, which was just asked for. O(log n).
     #[inline]
     pub(super) fn clear_first(&mut self) {
-        if self.lone.take().is_none() {
+        if self.lone.take().is_some() {
+            debug_assert!(self.ready.is_empty(), "`first` was not asked for");
+        } else {
             self.ready.pop();
         }
     }

@@ -367,7 +367,7 @@ impl<'a, T> Alternative<'a, T> {
         self.ended != 0 && self.ended == self.count
     }
 
-    /// Once all have ended, each is ready to report that again. O(n) then.
+    /// Once all have ended, each is ready to report that again. O(n log n) then.
     fn ready_if_all_ended(&mut self) {
         if self.all_ended() {
             self.ready.clear_all();
@@ -378,7 +378,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     /// Notes that the owner has the report of a channel's end: the channel is not waited for any
-    /// more. O(n).
+    /// more. O(n); O(n log n) for the last one.
     #[cold]
     fn leave_out(&mut self, index: usize, error: RecvError) {
         let Some(entry) = self.entries[index] else {

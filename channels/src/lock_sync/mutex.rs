@@ -70,7 +70,8 @@ struct Value<T> {
     value: UnsafeCell<ManuallyDrop<T>>,
 }
 
-// SAFETY: only the holder of the mutex accesses the value, one at a time; the count is an atomic.
+// SAFETY: only the holder of the mutex accesses the value, one at a time; the count and
+// the mark are atomics.
 unsafe impl<T: Send> Sync for Value<T> {}
 // What a panic leaves half done is marked.
 impl<T> core::panic::UnwindSafe for Mutex<T> {}

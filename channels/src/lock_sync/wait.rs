@@ -127,6 +127,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     pub(super) fn time_out(self: Pin<&mut Self>) {
         let this = self.in_place();
         if this.take.phase != Phase::Listed {
+            // A replayed wait is listed nowhere.
             return;
         }
         let entry = this.take.entry();

@@ -114,7 +114,8 @@ impl Link {
 ///
 /// The link is there once the node was begun, and its fields describe the node. While `outcome` is
 /// `Waiting` or `Held` and the node is listed, the channel's lock guards all of it. A settled node
-/// belongs to its future, and holds no wake handle, so that nothing of the link is to be dropped.
+/// belongs to its future. Its wake handle was taken: bits of it may be left, and are not used. So
+/// nothing of the link is to be dropped.
 /// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a
 /// sender's without `make` that is neither done nor held. A listed sender's `make`, if it has one,
 /// can be called once, under the lock.

@@ -125,8 +125,8 @@ impl Inheritance {
         unsafe { self.thread.load(Ordering::Acquire).as_ref() }
     }
 
-    /// Keeps a reference to the calling thread, which is that of the process' executor. Called once
-    /// at most. Returns whether the thread is an executor's.
+    /// Keeps a reference to the calling thread, which is that of the process' executor. Returns
+    /// whether the thread is an executor's; that succeeds once at most.
     #[cold]
     pub(super) fn take_thread(&self) -> bool {
         let Some(thread) = super::EXECUTOR_THREAD.with(|slot| slot.borrow().clone()) else {

@@ -109,8 +109,9 @@ pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
 ///
 /// # Invariants
 ///
-/// The current process stays the same as long as this is used: it borrows the waker of a poll, and
-/// what removes the current process during a poll is unsafe ([`end_turns`], [`outside`]).
+/// The current process stays the same as long as this is used: it borrows the waker of a poll, or
+/// does not leave the closure that gets it ([`with_plain_turn`]), and what removes the current
+/// process during a poll is unsafe ([`end_turns`], [`outside`]).
 #[derive(Clone, Copy)]
 pub struct PlainTurn<'a>(&'a Thread);
 
@@ -125,9 +126,8 @@ impl<'a> PlainTurn<'a> {
     /// The current process.
     #[inline(always)]
     pub fn process(self) -> &'a Process {
-        // SAFETY: by the invariant there is a current process. The waker that the context borrowed
-        // was the process' own: the process lives as long as that borrow, since the waker lies in
-        // it.
+        // SAFETY: by the invariant there is a current process, and it stays the same. `give_turn`
+        // requires that it lives as long as it is the current one.
         unsafe { self.0.process.get().unwrap_unchecked().as_ref() }
     }
 

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! On the executor's own thread a wake is a flag and a push, without atomics. A process that wakes
-//! itself is pushed when its turn is over. From another thread a wake is a fixed number of
+//! itself is pushed when its turn is over, but in a branch at once. From another thread a wake is a fixed number of
 //! instructions, none of which relies on another waker to continue
 //! ([`remote_wakes`](crate::remote_wakes)). A waker that is preempted half-way blocks no other
 //! thread.
@@ -21,7 +21,8 @@
 //! in its [`current::Process`]; handles and wakers in its [`Record`]. The process' own waker stands
 //! for all pending wakes among them. When nothing but the record's references is left, it becomes
 //! that of the list of processes that have ended. Memory that becomes free on the real-time path is
-//! freed off it (deferred free).
+//! freed off it (deferred free), except by a spawn: it frees the memory of the processes that have
+//! ended, as it allocates that of the new one.
 
 mod body;
 mod end;

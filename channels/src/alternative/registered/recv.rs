@@ -114,6 +114,10 @@ impl<T> Alternative<'_, T> {
             current::stay_in_branch();
             return self.fails(first, RecvError::Poisoned, cx);
         }
+        if self.listed == 0 {
+            // A replayed process may have left one, which is listed now.
+            self.ready.clear_all();
+        }
         while self.listed < self.entries.len() {
             self.listed += 1;
             self.list(self.listed - 1);
