@@ -1,6 +1,7 @@
 //! Texts of files, and what is wrong in them.
 
 use std::ops::Range;
+use std::path::PathBuf;
 
 /// An error in a TOML file that a person writes: a [system file](crate::System::deployment_from), a
 /// model.
@@ -73,6 +74,12 @@ impl<'a> Source<'a> {
             advice: advice.into().into(),
         }
     }
+}
+
+/// The file that an environment variable names, if it names one.
+pub(crate) fn of_environment(variable: &str) -> Option<PathBuf> {
+    let path = std::env::var_os(variable)?;
+    (!path.is_empty()).then(|| path.into())
 }
 
 /// Advice that names the nearest of the names that are there.

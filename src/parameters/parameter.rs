@@ -12,7 +12,7 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A value that is set from outside, and read on the real-time path: see [`parameters`](super).
 ///
@@ -60,12 +60,7 @@ impl<T: Tunable> Parameter<T> {
     #[inline]
     pub fn get(&self) -> T {
         if T::IS_ARRAY {
-            let make = |words: &[_]| {
-                T::of_words(|index| {
-                    let word: &std::sync::atomic::AtomicU64 = &words[index];
-                    word.load(Ordering::Relaxed)
-                })
-            };
+            let make = |words: &[AtomicU64]| T::of_words(|i| words[i].load(Ordering::Relaxed));
             self.cells.several(make)
         } else {
             T::of_words(|_| self.cells.word())

@@ -18,6 +18,7 @@
 //! ```
 
 pub(crate) mod announcement;
+pub(crate) mod arguments;
 mod builder;
 mod clock;
 mod compose;
@@ -50,7 +51,7 @@ use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
 use crate::report::Report;
-use crate::time::{Manager, TimerManager, Timers};
+use crate::time::{TimerManager, Timers};
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
 pub(crate) use plan::{Member, Phase, Plan};
@@ -150,7 +151,7 @@ impl System {
         match timers {
             Timers::Executor => settings.manager = None,
             // One that callbacks were made with stays.
-            Timers::Manager => drop(settings.manager.get_or_insert_with(Manager::new)),
+            Timers::Manager => drop(settings.manager.get_or_insert_default()),
         }
         drop(settings);
         self

@@ -59,20 +59,8 @@ pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPla
 }
 
 /// A thread may come to those that have been started: refuses it what it cannot have beside them,
-/// and takes from them what they cannot have beside it, which is reported on standard error. Does
-/// nothing to a process that has no thread of its own.
+/// and takes from them what they cannot have beside it, which is reported on standard error.
 pub(super) fn join(
-    plan: &mut ProcessPlan,
-    executors: &[ExecutorHandle],
-    parts: &[ThreadPart],
-    threads: &[NamedThread],
-) {
-    if let Placement::Thread(attributes) = &mut plan.place {
-        join_as(attributes, executors, parts, threads);
-    }
-}
-
-fn join_as(
     attributes: &mut Attributes,
     executors: &[ExecutorHandle],
     parts: &[ThreadPart],
@@ -127,12 +115,12 @@ mod tests {
 
         let mut of_second = comes.clone();
         let executors = [executor.handle().clone()];
-        join_as(&mut of_second, &executors, &[part], &[]);
+        join(&mut of_second, &executors, &[part], &[]);
         let with_executor = (executor.handle().end_spin(), refused(of_second));
 
         let mut of_second = comes;
         let threads = [("first".to_owned(), thread)];
-        join_as(&mut of_second, &[], &[], &threads);
+        join(&mut of_second, &[], &[], &threads);
         [with_executor, (threads[0].1.end_spin(), refused(of_second))]
     }
 

@@ -61,7 +61,8 @@ impl Reaper<'_> {
                 if let Some(errors) = self.errors {
                     errors.add(&error);
                 }
-                self.plan.members().started.note_cleanup(order, &error);
+                let started = &mut self.plan.members().started;
+                started.first_cleanup.keep(order, &error);
             }
         }
         deferred_free::collect();

@@ -148,7 +148,7 @@ fn end(
             errors: Some(pending),
         };
         reaper.reap();
-        plan.members().started.first_error().cloned()
+        plan.members().started.first_error.get().cloned()
     });
     // No callback is called any more; loops that have not ended yet take their own deadlines.
     let (timers, callback_panic) = timers.map(ManagerThread::stop).unzip();

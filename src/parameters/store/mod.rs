@@ -11,6 +11,7 @@ use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
 use super::watch::{self, Stamp};
+use crate::file::of_environment;
 use crate::log::{Level, Log, message};
 use crate::parameters::handle::Info;
 use crate::system::Phase;
@@ -141,7 +142,7 @@ impl Store {
         let state = self.state();
         let file = state.file.clone();
         let given = state.given.clone();
-        (file.or_else(sources::file_of_environment), given)
+        (file.or_else(|| of_environment(sources::FILE)), given)
     }
 
     /// Reads what the parameters of a system that starts are to be. Gives that, as a recording is

@@ -59,14 +59,6 @@ impl<B> ProcessPlan<B> {
             prepared: other(self.prepared),
         }
     }
-
-    /// Its name, if it is to be its own; else the name as an error.
-    pub(super) fn own_name(&self) -> Result<&Name, &Name> {
-        match self.shares_name {
-            false => Ok(self.name()),
-            true => Err(self.name()),
-        }
-    }
 }
 
 impl<B: Build> ProcessPlan<B> {

@@ -14,6 +14,7 @@ use crate::csp::composition::ThreadPart;
 use crate::csp::tree::Tree;
 use crate::deployment::{self, Deployment};
 use crate::error::{Error, Result, SetupError};
+use crate::file;
 use crate::log::{Asked, Log};
 use crate::notice::notice;
 use crate::parameters::Store;
@@ -111,14 +112,8 @@ pub(crate) enum Phase {
 }
 
 impl Members {
-    /// Enters a process that starts while the system runs.
-    fn enter_late(&mut self, id: ProcessId, mut member: Member, running: &Running) {
-        member.set_late();
-        self.started.enter(id, member, &running.common.emergency);
-    }
-
     /// Takes the name of an executor or a thread.
-    fn take_thread_name(&mut self, name: &str) -> Result<()> {
+    pub(crate) fn take_thread_name(&mut self, name: &str) -> Result<()> {
         if !self.thread_names.insert(name.to_owned()) {
             return Err(duplicate("executor", name));
         }
@@ -236,7 +231,7 @@ impl Plan {
     /// of the environment.
     pub(crate) fn begin_deployment(&self) -> Result<Option<&Deployment>> {
         if self.deployment.get().is_none() {
-            let file = deployment::file_of_environment();
+            let file = file::of_environment(deployment::VARIABLE);
             let read = file.map(|path| Deployment::read(&path, Some(&self.name)));
             let read = read.transpose()?;
             // Another thread that came first has read the same.
@@ -285,11 +280,6 @@ impl Plan {
         }
         members.executors.push(executor);
         Ok(members.executors.len() - 1)
-    }
-
-    /// Takes the name of an OS thread, which executors share.
-    pub(crate) fn take_thread_name(&self, name: &str) -> Result<()> {
-        self.members().take_thread_name(name)
     }
 
     fn ended(&self, process: &str) -> Error {

@@ -2,7 +2,7 @@
 
 use super::described::{Placement, ProcessPlan};
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{Common, Frame, Phases, Prepared, clean_up};
+use crate::csp::process::{Common, Frame, Phases, Prepared};
 use crate::error::Error;
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
@@ -30,14 +30,6 @@ pub(crate) type NamedThread = (String, OsThread);
 pub(crate) struct NotStarted {
     pub(crate) error: Error,
     pub(crate) resident: Option<Box<dyn Phases>>,
-}
-
-impl NotStarted {
-    /// Cleans up what is left of it.
-    pub(super) fn clean_up(self) -> Error {
-        clean_up(self.resident);
-        self.error
-    }
 }
 
 /// What comes of a process that is started.
