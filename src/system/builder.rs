@@ -1,6 +1,6 @@
 //! How a system is described: builders of executors, threads and processes.
 
-use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
+use super::plan::{Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess, Prepared};
 use crate::deployment::Deployment;
 use crate::error::{Result, SetupError};
@@ -119,7 +119,6 @@ macro_rules! place_methods {
 #[must_use = "an executor is made by `build`"]
 pub struct ExecutorBuilder {
     plan: Arc<Plan>,
-    name: String,
     attributes: Attributes,
 }
 
@@ -127,7 +126,6 @@ impl ExecutorBuilder {
     pub(crate) fn new(plan: Arc<Plan>, name: &str) -> Self {
         Self {
             plan,
-            name: name.to_owned(),
             attributes: Attributes::new(name),
         }
     }
@@ -155,13 +153,9 @@ impl ExecutorBuilder {
     /// assert!(matches!(twice, Err(Error::Setup(SetupError::DuplicateName { .. }))));
     /// ```
     pub fn build(self) -> Result<Executor> {
-        let Self {
-            plan,
-            name,
-            attributes,
-        } = self;
+        let Self { plan, attributes } = self;
         let number = settled(&plan, attributes, true)
-            .and_then(|attributes| plan.add_executor(ExecutorPlan { name, attributes }))
+            .and_then(|attributes| plan.add_executor(attributes))
             .inspect_err(|_| plan.note_refusal())?;
         Ok(Executor { plan, number })
     }
@@ -580,7 +574,7 @@ impl ProcessBuilder {
     }
 }
 
-debug_parts!(ExecutorBuilder as builder: name = builder.name);
+debug_parts!(ExecutorBuilder as builder: name = builder.attributes.name());
 debug_parts!(Thread as thread: name = thread.attributes.name());
 debug_parts!(ProcessBuilder as builder: name = builder.spec.name());
 debug_parts!(Executor as executor: number = executor.number);

@@ -140,6 +140,12 @@ impl Scope {
         self.manager.as_ref()
     }
 
+    /// Where the grid of a loop lies that begins at `now`.
+    pub(crate) fn origin(&self, now: Instant, period: u64) -> Instant {
+        let manager = self.manager.as_ref();
+        manager.map_or(now, |manager| manager.slot_before(now, period))
+    }
+
     /// The parameters that a loop of the current process reads at each cycle's begin, if the
     /// process has any.
     pub(crate) fn parameters(&self) -> Option<Arc<Reader>> {

@@ -52,6 +52,7 @@ struct State {
 }
 
 /// What a parameter is declared as.
+#[derive(Clone)]
 pub(super) struct Declared {
     pub(super) name: Arc<str>,
     pub(super) unit: String,

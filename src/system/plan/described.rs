@@ -1,6 +1,5 @@
 //! What is to be: executors and processes, as they were described.
 
-use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Build, Prepared, Start};
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
@@ -14,19 +13,6 @@ pub(crate) enum Placement {
     Executor(usize),
     /// A thread of its own.
     Thread(Box<Attributes>),
-}
-
-/// An executor to be.
-pub(crate) struct ExecutorPlan {
-    pub(crate) name: String,
-    pub(crate) attributes: Attributes,
-}
-
-impl ExecutorPlan {
-    /// It as a part of the system, as requested.
-    pub(crate) fn part(&self) -> ThreadPart {
-        ThreadPart::asked(&self.name, ThreadKind::Executor, &self.attributes)
-    }
 }
 
 /// A described process; `B` makes its body.

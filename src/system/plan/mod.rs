@@ -4,7 +4,7 @@ mod admission;
 mod described;
 mod running;
 
-pub(crate) use described::{ExecutorPlan, Placement, ProcessPlan};
+pub(crate) use described::{Placement, ProcessPlan};
 pub(crate) use running::{Member, NamedThread, NotStarted, On, Running, Started};
 
 use super::clock::ClockPlan;
@@ -24,6 +24,7 @@ use crate::safety::{Emergency, Guardian};
 use crate::time::{Manager, StampState};
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
+use luna_platform::thread::Attributes;
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
 use std::path::Path;
@@ -89,7 +90,7 @@ pub(crate) struct Settings {
 #[derive(Default)]
 pub(crate) struct Members {
     pub(crate) phase: Phase,
-    pub(crate) executors: Vec<ExecutorPlan>,
+    pub(crate) executors: Vec<Attributes>,
     /// The executors that were started, as parts of the system.
     pub(crate) places: Vec<ThreadPart>,
     pub(crate) waiting: Vec<ProcessPlan>,
@@ -266,7 +267,7 @@ impl Plan {
     }
 
     /// Adds an executor; gives its number.
-    pub(crate) fn add_executor(&self, executor: ExecutorPlan) -> Result<usize> {
+    pub(crate) fn add_executor(&self, executor: Attributes) -> Result<usize> {
         let mut members = self.members();
         if members.phase != Phase::Described {
             return Err(SetupError::AlreadyRun {
@@ -274,9 +275,9 @@ impl Plan {
             }
             .into());
         }
-        members.take_thread_name(&executor.name)?;
+        members.take_thread_name(executor.name())?;
         if let Some(deployment) = self.deployment() {
-            deployment.enter_executor(&executor.name);
+            deployment.enter_executor(executor.name());
         }
         members.executors.push(executor);
         Ok(members.executors.len() - 1)
