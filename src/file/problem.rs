@@ -42,11 +42,7 @@ impl<'a> Source<'a> {
 
     /// Line and column of a byte, both from 1.
     pub fn position(&self, byte: usize) -> (usize, usize) {
-        let mut at = byte.min(self.text.len());
-        while !self.text.is_char_boundary(at) {
-            at -= 1;
-        }
-        let before = &self.text[..at];
+        let before = &self.text[..self.text.floor_char_boundary(byte)];
         let line = before.matches('\n').count() + 1;
         let start = before.rfind('\n').map_or(0, |newline| newline + 1);
         (line, before[start..].chars().count() + 1)

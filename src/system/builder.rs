@@ -197,7 +197,7 @@ impl Executor {
     /// A spawned process of this system, from when it runs. Not for the real-time path, as
     /// [`System::process_handle`](crate::System::process_handle).
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.plan.process_handle(id)
+        self.plan.members().started.handle(id)
     }
 }
 

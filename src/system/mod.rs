@@ -443,7 +443,7 @@ impl System {
     /// loop. Also from [`Executor::process_handle`]. None for one that has ended and is not
     /// [remembered](Self::remember_ended); a handle that was had before stays.
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.plan.process_handle(id)
+        self.plan.members().started.handle(id)
     }
 
     /// What the system is made of at this moment: a tree of threads, processes and named

@@ -271,7 +271,7 @@ impl Register {
         self.members.get(id).map(|member| member.handle(id))
     }
 
-    pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
+    pub(crate) fn name(&self, id: ProcessId) -> Option<&str> {
         self.members.get(id).map(|member| &**member.name())
     }
 

@@ -240,12 +240,7 @@ impl Store {
             .enumerate()
             .map(|(number, entry)| {
                 let groups = || state.groups.iter().filter(move |group| group.has(number));
-                let Entry {
-                    declared,
-                    words,
-                    set,
-                    ..
-                } = entry;
+                let declared = &entry.declared;
                 let (least, most) = declared.form.range.clone().unzip();
                 Info {
                     name: declared.name.to_string(),
@@ -256,12 +251,12 @@ impl Store {
                     least,
                     most,
                     default: declared.form.unpack(&declared.default),
-                    value: declared.form.unpack(words),
-                    set: *set,
+                    value: declared.form.unpack(&entry.words),
+                    set: entry.set,
                     processes: groups()
                         .map(|group| group.reader.name.to_string())
                         .collect(),
-                    taken: groups().all(|group| group.has_taken(*set)),
+                    taken: groups().all(|group| group.has_taken(entry.set)),
                 }
             })
             .collect();

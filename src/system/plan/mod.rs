@@ -22,8 +22,6 @@ use crate::replay::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
 use crate::time::{Manager, StampState};
-use luna_core::current::ProcessId;
-use luna_executors::ProcessHandle;
 use luna_platform::thread::Attributes;
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
@@ -289,14 +287,5 @@ impl Plan {
             process: process.to_owned(),
         }
         .into()
-    }
-
-    /// The name of a process that was started and is remembered.
-    pub(crate) fn process_name(&self, id: ProcessId) -> Option<String> {
-        self.members().started.name(id).map(str::to_owned)
-    }
-
-    pub(crate) fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members().started.handle(id)
     }
 }
