@@ -26,9 +26,10 @@ impl Store {
         if !is_whole() {
             return Ok(self.state().sets);
         }
+        let read = read?;
         let environment = sources::values_of_environment()?;
         let mut refused = Vec::new();
-        let wishes = merge([read?, environment, given], &mut refused);
+        let wishes = merge([read, environment, given], &mut refused);
         self.replace(wishes.into_values(), refused, true)
     }
 
