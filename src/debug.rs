@@ -8,10 +8,12 @@
 /// ```
 macro_rules! debug_parts {
     (
-        $type:ident $(<$($generic:ident),+>)?
+        $type:ident $(<$($generic:ident),+>)? $(where [$($bound:tt)+])?
         $(as $this:ident: $($label:ident = $value:expr),+)?
     ) => {
-        impl$(<$($generic),+>)? std::fmt::Debug for $type$(<$($generic),+>)? {
+        impl$(<$($generic),+>)? std::fmt::Debug for $type$(<$($generic),+>)?
+        $(where $($bound)+)?
+        {
             fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 $(let $this = self;)?
                 f.debug_struct(stringify!($type))

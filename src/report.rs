@@ -280,17 +280,12 @@ impl fmt::Display for EarlierProcesses {
 impl Report {
     /// Every request that was not granted, with the name of its executor, thread or process.
     pub fn all_shortfalls(&self) -> impl Iterator<Item = (&str, &Shortfall)> {
-        let system = self
-            .shortfalls
-            .iter()
-            .map(|shortfall| ("system", shortfall));
-        let threads = self.threads.iter();
-        system.chain(threads.flat_map(|thread| {
-            thread
-                .shortfalls
-                .iter()
-                .map(|missing| (thread.name.as_str(), missing))
-        }))
+        let of_system = self.shortfalls.iter().map(|one| ("system", one));
+        let of_threads = self.threads.iter().flat_map(|thread| {
+            let shortfalls = thread.shortfalls.iter();
+            shortfalls.map(|one| (thread.name.as_str(), one))
+        });
+        of_system.chain(of_threads)
     }
 }
 

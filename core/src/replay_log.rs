@@ -20,32 +20,32 @@ use luna_platform::sync::plain::{AtomicU64, Ordering};
 /// The stamp that a partner gets from a process that is not recorded.
 pub const OUTSIDER: u64 = u64::MAX;
 
-/// The outcome of an operation.
+/// The outcome of an operation, with its code in a replay log's file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum What {
     /// It has succeeded.
-    Done,
+    Done = 0,
     /// It has failed; the number is the kind of failure.
-    Failed,
+    Failed = 1,
     /// Its time ran out.
-    TimedOut,
+    TimedOut = 2,
     /// The number of the chosen guard, of the outcome, or of the observed state.
-    Chosen,
+    Chosen = 3,
     /// The clock was read.
-    Time,
+    Time = 4,
 }
 
-/// The meaning of recorded bytes.
+/// The meaning of recorded bytes, with its code in a replay log's file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum About {
     /// Input from outside.
-    Input,
+    Input = 5,
     /// Output to the outside: a replay has to produce the same.
-    Output,
+    Output = 6,
     /// The input of a periodic loop's cycle.
-    Cycle,
+    Cycle = 7,
     /// Input from outside to an operation that waits.
-    Read,
+    Read = 11,
 }
 
 /// The outcome of an operation, with a number that belongs to it, and the stamp, if it has one: 0

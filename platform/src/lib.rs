@@ -134,3 +134,9 @@ pub use backend::boost;
 pub use backend::fence;
 pub use backend::inside;
 pub use backend::lock;
+
+impl<T: Default> Default for lock::PiLock<T> {
+    fn default() -> Self {
+        Self::new(T::default())
+    }
+}

@@ -126,10 +126,15 @@ pub struct WaitingPart {
 }
 
 impl ThreadPart {
+    /// An executor to be.
+    pub(crate) fn executor(attributes: &Attributes) -> Self {
+        Self::asked(ThreadKind::Executor, attributes)
+    }
+
     /// A thread to be.
-    pub(crate) fn asked(name: &str, kind: ThreadKind, attributes: &Attributes) -> Self {
+    pub(crate) fn asked(kind: ThreadKind, attributes: &Attributes) -> Self {
         Self {
-            name: name.to_owned(),
+            name: attributes.name().to_owned(),
             kind,
             policy: attributes.asked_policy(),
             core: attributes.asked_core(),

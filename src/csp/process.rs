@@ -370,9 +370,3 @@ impl Common {
 /// What a body needs to enter the thread that it runs on: `None` for a body that is made there, by
 /// one of the same executor, which has entered it.
 pub(crate) type Frame = Option<Arc<Common>>;
-
-/// A frame may go to any thread because of this.
-const _: () = {
-    const fn shared<T: Send + Sync>() {}
-    shared::<Arc<Common>>();
-};

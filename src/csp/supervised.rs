@@ -64,15 +64,6 @@ pub(crate) struct Failure {
     pub(crate) consecutive: u32,
 }
 
-impl From<Failure> for Error {
-    fn from(failure: Failure) -> Error {
-        Error::Overrun {
-            name: failure.name.to_string(),
-            consecutive: failure.consecutive,
-        }
-    }
-}
-
 thread_local! {
     /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that
     /// panics.
@@ -180,7 +171,7 @@ impl Drop for Alarm {
 /// ```
 #[doc(alias = "block_on")]
 pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
-    let _scope = Scope::free_standing().enter_until_dropped();
+    let _scope = Scope::free_standing().enter_until_dropped(false);
     // A panic of another run may have left one behind.
     FAILURE.set(None);
     let mut body = std::pin::pin!(body);

@@ -19,6 +19,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 ///
 /// While it is listed it is pinned, and its links are accessed under the list's lock alone. `id`,
 /// `parent` and `process` are written under that lock, by its future.
+#[derive(Default)]
 pub(crate) struct Node {
     before: Cell<Option<NonNull<Node>>>,
     after: Cell<Option<NonNull<Node>>>,
@@ -43,15 +44,8 @@ unsafe impl Sync for Node {}
 impl Node {
     pub(crate) fn new(name: Label) -> Self {
         Self {
-            before: Cell::new(None),
-            after: Cell::new(None),
-            id: AtomicU64::new(0),
-            parent: AtomicU64::new(0),
-            process: AtomicU32::new(0),
             name,
-            is_running: AtomicBool::new(false),
-            level: AtomicU8::new(0),
-            _pinned: PhantomPinned,
+            ..Self::default()
         }
     }
 

@@ -16,19 +16,13 @@ use luna_executors::ProcessSpec;
 use luna_platform::clock::nanos;
 use stated::{At, Named, Stated};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// The variable of the environment that names a file.
-const VARIABLE: &str = "LUNA_DEPLOYMENT";
-
-/// The file that the environment names.
-pub(crate) fn file_of_environment() -> Option<PathBuf> {
-    let path = std::env::var_os(VARIABLE)?;
-    (!path.is_empty()).then(|| path.into())
-}
+pub(crate) const VARIABLE: &str = "LUNA_DEPLOYMENT";
 
 /// The file of one system, and what it has changed.
 pub(crate) struct Deployment {
@@ -240,13 +234,12 @@ impl Deployment {
             let names = names.iter().map(String::as_str);
             Err(self.problem(at, message, nearest(&at.value, names)))
         };
-        for at in self.stated.threads.iter().map(|one| &one.name) {
+        for (at, _) in &self.stated.threads {
             if !done.threads.contains(&at.value) {
                 return unknown(at, "the system has no such executor", &done.threads);
             }
         }
-        for process in &self.stated.processes {
-            let at = &process.name;
+        for (at, process) in &self.stated.processes {
             if !processes.contains(&at.value) {
                 return unknown(at, "the system has no such process", &processes);
             }
@@ -271,7 +264,7 @@ impl Deployment {
     /// What the file has changed, in its order.
     pub(crate) fn report(&self) -> DeploymentReport {
         let mut overrides = self.done().overrides.clone();
-        for one in &self.stated.loops {
+        for (name, one) in &self.stated.loops {
             let at = &one.period;
             let program = one.program.load(Ordering::Relaxed);
             if program == nanos(at.value) {
@@ -279,7 +272,7 @@ impl Deployment {
             }
             let of_loop = Override {
                 line: self.source().position(at.span.start).0,
-                of: format!("loop `{}`", one.name.value),
+                of: format!("loop `{}`", name.value),
                 key: "period",
                 file: written(at.value),
                 program: (program != 0).then(|| written(Duration::from_nanos(program))),
@@ -301,8 +294,9 @@ fn in_setup(mut problem: Problem, named_by: &str) -> SetupError {
     SetupError::Deployment(Box::new(problem))
 }
 
-fn find<'s, T: Named>(all: &'s [T], name: &str) -> Option<&'s T> {
-    all.iter().find(|one| one.name() == name)
+fn find<'s, T>(all: &'s [Named<T>], name: &str) -> Option<&'s T> {
+    let found = all.iter().find(|(known, _)| known.value == name);
+    found.map(|(_, one)| one)
 }
 
 /// A time as it is written in a file.

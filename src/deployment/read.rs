@@ -17,7 +17,7 @@ pub(super) fn read(source: Source<'_>) -> Result<Result<Stated, Problem>, String
 #[cfg(feature = "toml")]
 mod toml {
     use crate::deployment::WORDS;
-    use crate::deployment::stated::{At, Loop, Process, Stated, Thread};
+    use crate::deployment::stated::{At, Loop, Named, Process, Stated, Thread};
     use crate::file::{self, Entry, MAX_PRIORITY, Problem, Source, entries, parse};
     use crate::time::LoopName;
     use luna_platform::spin::LONGEST;
@@ -31,21 +31,9 @@ mod toml {
         for entry in entries(source, table.get_ref()) {
             match entry.key {
                 "system" => system(&entry, &mut stated)?,
-                "executor" => {
-                    for entry in entry.table()? {
-                        stated.threads.push(thread(&entry)?);
-                    }
-                }
-                "process" => {
-                    for entry in entry.table()? {
-                        stated.processes.push(process(&entry)?);
-                    }
-                }
-                "loop" => {
-                    for entry in entry.table()? {
-                        stated.loops.push(one_loop(&entry)?);
-                    }
-                }
+                "executor" => stated.threads = named(&entry, thread)?,
+                "process" => stated.processes = named(&entry, process)?,
+                "loop" => stated.loops = named(&entry, one_loop)?,
                 _ => return Err(entry.unknown(&["system", "executor", "process", "loop"])),
             }
         }
@@ -57,9 +45,16 @@ mod toml {
         Some(At { value, span })
     }
 
-    fn name(entry: &Entry<'_>) -> At<String> {
-        let (value, span) = entry.named();
-        At { value, span }
+    /// The tables below this one, by their names.
+    fn named<'t, T>(
+        entry: &Entry<'t>,
+        read: impl Fn(&Entry<'t>) -> Result<T, Problem>,
+    ) -> Result<Vec<Named<T>>, Problem> {
+        let one = |entry: Entry<'t>| {
+            let (value, span) = entry.named();
+            Ok((At { value, span }, read(&entry)?))
+        };
+        entry.table()?.into_iter().map(one).collect()
     }
 
     fn system(entry: &Entry<'_>, stated: &mut Stated) -> Result<(), Problem> {
@@ -74,13 +69,7 @@ mod toml {
     }
 
     fn thread(entry: &Entry<'_>) -> Result<Thread, Problem> {
-        let mut found = Thread {
-            name: name(entry),
-            core: None,
-            policy: None,
-            spin_before_sleep: None,
-            stack_size: None,
-        };
+        let mut found = Thread::default();
         for entry in entry.table()? {
             match entry.key {
                 "core" => found.core = at(&entry, file::core(&entry)?.map(usize::from)),
@@ -109,14 +98,7 @@ mod toml {
     }
 
     fn process(entry: &Entry<'_>) -> Result<Process, Problem> {
-        let mut found = Process {
-            name: name(entry),
-            on: None,
-            priority: None,
-            poll_budget: None,
-            cycle_budget: None,
-            on_overrun: None,
-        };
+        let mut found = Process::default();
         for entry in entry.table()? {
             match entry.key {
                 "on" => found.on = at(&entry, entry.text()?.to_owned()),
@@ -150,13 +132,11 @@ mod toml {
         let wrong = |message: &str, advice: String| {
             Err(entry.source.problem(entry.key_span(), message, advice))
         };
-        let Ok(name) = LoopName::from(entry.key) else {
-            let most = LoopName::new().capacity();
-            return wrong(
-                "no loop has a name as long",
-                format!("it has at most {most} bytes"),
-            );
-        };
+        let most = LoopName::new().capacity();
+        if entry.key.len() > most {
+            let advice = format!("it has at most {most} bytes");
+            return wrong("no loop has a name as long", advice);
+        }
         let mut period = None;
         for entry in entry.table()? {
             match entry.key {
@@ -165,14 +145,10 @@ mod toml {
             }
         }
         let Some(period) = period else {
-            return wrong(
-                "nothing is stated of this loop",
-                "write its `period`".to_owned(),
-            );
+            let advice = "write its `period`".to_owned();
+            return wrong("nothing is stated of this loop", advice);
         };
-        let span = entry.key_span();
         Ok(Loop {
-            name: At { value: name, span },
             period,
             program: AtomicU64::new(0),
         })

@@ -1,7 +1,6 @@
 //! What a file states, with where each value stands.
 
 use crate::safety::OnOverrun;
-use crate::time::LoopName;
 use luna_platform::thread::Policy;
 use std::ops::Range;
 use std::sync::atomic::AtomicU64;
@@ -17,14 +16,17 @@ pub(super) struct At<T> {
 pub(super) struct Stated {
     pub(super) strict: Option<At<bool>>,
     pub(super) lock_memory: Option<At<bool>>,
-    pub(super) threads: Vec<Thread>,
-    pub(super) processes: Vec<Process>,
-    pub(super) loops: Vec<Loop>,
+    pub(super) threads: Vec<Named<Thread>>,
+    pub(super) processes: Vec<Named<Process>>,
+    pub(super) loops: Vec<Named<Loop>>,
 }
 
+/// What is stated of something with this name.
+pub(super) type Named<T> = (At<String>, T);
+
 /// Of an executor or a thread.
+#[derive(Default)]
 pub(super) struct Thread {
-    pub(super) name: At<String>,
     /// Or none, which is any.
     pub(super) core: Option<At<Option<usize>>>,
     pub(super) policy: Option<At<Policy>>,
@@ -32,8 +34,8 @@ pub(super) struct Thread {
     pub(super) stack_size: Option<At<usize>>,
 }
 
+#[derive(Default)]
 pub(super) struct Process {
-    pub(super) name: At<String>,
     pub(super) on: Option<At<String>>,
     pub(super) priority: Option<At<u8>>,
     pub(super) poll_budget: Option<At<Duration>>,
@@ -42,30 +44,7 @@ pub(super) struct Process {
 }
 
 pub(super) struct Loop {
-    pub(super) name: At<LoopName>,
     pub(super) period: At<Duration>,
     /// The period that the program stated, in nanoseconds; 0 until such a loop begins.
     pub(super) program: AtomicU64,
-}
-
-pub(super) trait Named {
-    fn name(&self) -> &str;
-}
-
-impl Named for Thread {
-    fn name(&self) -> &str {
-        &self.name.value
-    }
-}
-
-impl Named for Process {
-    fn name(&self) -> &str {
-        &self.name.value
-    }
-}
-
-impl Named for Loop {
-    fn name(&self) -> &str {
-        &self.name.value
-    }
 }

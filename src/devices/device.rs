@@ -7,7 +7,6 @@ use crate::safety::{Degree, LIMIT, Safety, SafetyFunction};
 use luna_core::deferred_free::Shared;
 use luna_core::path::off_path;
 use luna_platform::lock::PiLock;
-use std::fmt;
 use std::ops::Deref;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -319,11 +318,8 @@ impl<D: Send + Sync + 'static> Drop for Device<D> {
     }
 }
 
-impl<D: Send + Sync + 'static> fmt::Debug for Device<D> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Device")
-            .field("name", &self.name())
-            .field("kind", &self.kind())
-            .finish_non_exhaustive()
-    }
-}
+debug_parts!(
+    Device<D> where [D: Send + Sync + 'static] as device:
+    name = device.name(),
+    kind = device.kind()
+);

@@ -34,28 +34,18 @@ pub struct DeviceManager {
 }
 
 /// What a system keeps of its devices.
+#[derive(Default)]
 pub(crate) struct Devices {
     entries: Mutex<Vec<Entry>>,
     kept: PiLock<Kept>,
 }
 
 /// Devices with no handle left, dropped in an emergency, perhaps before their functions have run.
+#[derive(Default)]
 struct Kept {
     open: Vec<Arc<dyn Any + Send + Sync>>,
     /// The functions have run: nothing is kept any more.
     is_over: bool,
-}
-
-impl Default for Devices {
-    fn default() -> Self {
-        Self {
-            entries: Mutex::default(),
-            kept: PiLock::new(Kept {
-                open: Vec::new(),
-                is_over: false,
-            }),
-        }
-    }
 }
 
 struct Entry {

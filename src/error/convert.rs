@@ -1,6 +1,9 @@
 //! What turns into an [`Error`] with `?`.
 
 use super::{Error, SetupError};
+use crate::csp::supervised::Failure;
+#[cfg(unix)]
+use crate::external::WireStop;
 use luna_channels as channels;
 use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
@@ -89,6 +92,16 @@ from! {
     crate::devices::DeviceError { error => Error::Device(error.into()) }
     #[cfg(unix)]
     luna_executors::FileError { error => Error::other(error) }
+    #[cfg(unix)]
+    WireStop {
+        WireStop::Failed(error) => error.into(),
+        WireStop::Ended(channels::ChannelEnd::Closed) => Error::Closed,
+        WireStop::Ended(channels::ChannelEnd::Poisoned) => Error::Poisoned
+    }
+    Failure {
+        Failure { name, consecutive } => Error::Overrun { name: name.to_string(), consecutive }
+    }
+    crate::time::StampError { error => Error::other(error) }
     crate::external::BadRecord { error => Error::other(error) }
     crate::external::Malformed { error => Error::other(error) }
     crate::safety::ResetError { error => Error::other(error) }

@@ -34,7 +34,7 @@ pub struct Several {
     /// The outcomes of the branches in written order. Networks end alike throughout, so thousands
     /// of branches take a few runs. With more runs in place, every `Result` would grow.
     runs: SmallVec<[Run; 16]>,
-    /// The errors of kind [`Kind::Carried`], in written order.
+    /// The errors of kind [`CARRIED`], in written order.
     carried: Vec<Error>,
 }
 
@@ -48,11 +48,11 @@ impl Run {
     const MOST: usize = (u16::MAX >> 4) as usize;
 
     const fn new(kind: Kind, count: usize) -> Self {
-        Run((count as u16) << 4 | kind as u16)
+        Run((count as u16) << 4 | kind)
     }
 
     fn kind(self) -> Kind {
-        KINDS[usize::from(self.0 & 0xf)]
+        self.0 & 0xf
     }
 
     fn count(self) -> usize {
@@ -60,39 +60,11 @@ impl Run {
     }
 }
 
-/// The outcome of one branch, or a bracket around the branches of an inner construct.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    // The errors that need no memory of their own, in the order of `PLAIN`.
-    Poisoned,
-    Closed,
-    Full,
-    Empty,
-    Timeout,
-    Cancelled,
-    /// An error that is stored in the list beside.
-    Carried,
-    /// The branch has not failed.
-    Fine,
-    /// The branch is a construct itself; its branches follow.
-    Open,
-    Close,
-}
+/// The outcome of one branch, or a bracket around the branches of an inner construct: a place in
+/// `PLAIN`, or one of the constants.
+type Kind = u16;
 
-/// In the order of their numbers.
-const KINDS: [Kind; 10] = [
-    Kind::Poisoned,
-    Kind::Closed,
-    Kind::Full,
-    Kind::Empty,
-    Kind::Timeout,
-    Kind::Cancelled,
-    Kind::Carried,
-    Kind::Fine,
-    Kind::Open,
-    Kind::Close,
-];
-
+/// The errors that need no memory of their own.
 static PLAIN: [Error; 6] = [
     Error::Poisoned,
     Error::Closed,
@@ -101,23 +73,21 @@ static PLAIN: [Error; 6] = [
     Error::Timeout,
     Error::Cancelled,
 ];
+/// An error that is stored in the list beside.
+const CARRIED: Kind = 6;
+/// The branch has not failed.
+const FINE: Kind = 7;
+/// The branch is a construct itself; its branches follow.
+const OPEN: Kind = 8;
+const CLOSE: Kind = 9;
 
-impl Kind {
-    fn of(error: &Error) -> Self {
-        match error {
-            Error::Poisoned => Kind::Poisoned,
-            Error::Closed => Kind::Closed,
-            Error::Full => Kind::Full,
-            Error::Empty => Kind::Empty,
-            Error::Timeout => Kind::Timeout,
-            Error::Cancelled => Kind::Cancelled,
-            _ => Kind::Carried,
-        }
-    }
+fn kind_of(error: &Error) -> Kind {
+    let plain = PLAIN.iter().position(|plain| plain == error);
+    plain.map_or(CARRIED, |place| place as Kind)
+}
 
-    fn plain_error(self) -> Option<&'static Error> {
-        PLAIN.get(self as usize)
-    }
+fn plain_error(kind: Kind) -> Option<&'static Error> {
+    PLAIN.get(usize::from(kind))
 }
 
 impl Several {
@@ -147,17 +117,17 @@ impl Several {
 
     fn add(&mut self, error: Error) {
         if let Error::Several(nested) = error {
-            self.add_run(Kind::Open, 1);
+            self.add_run(OPEN, 1);
             for run in nested.runs {
                 self.add_run(run.kind(), run.count());
             }
-            self.add_run(Kind::Close, 1);
+            self.add_run(CLOSE, 1);
             self.carried.extend(nested.carried);
             return;
         }
-        let kind = Kind::of(&error);
+        let kind = kind_of(&error);
         self.add_run(kind, 1);
-        if kind == Kind::Carried {
+        if kind == CARRIED {
             self.carried.push(error);
         }
     }
@@ -167,7 +137,7 @@ impl Several {
         // Brackets are never joined: each is one branch.
         if let Some(last) = self.runs.last_mut()
             && last.kind() == kind
-            && !matches!(kind, Kind::Open | Kind::Close)
+            && !matches!(kind, OPEN | CLOSE)
         {
             let more = count.min(Run::MOST - last.count());
             *last = Run::new(kind, last.count() + more);
@@ -200,7 +170,7 @@ impl fmt::Display for Several {
         let mut runs = self.runs.iter().peekable();
         while let Some(run) = runs.next() {
             let mut count = run.count();
-            match (run.kind(), run.kind().plain_error()) {
+            match (run.kind(), plain_error(run.kind())) {
                 (_, Some(error)) => {
                     // A long run is stored in parts.
                     while let Some(more) = runs.next_if(|next| next.kind() == run.kind()) {
@@ -208,13 +178,13 @@ impl fmt::Display for Several {
                     }
                     branches.write(f, count, error)?;
                 }
-                (Kind::Carried, _) => {
+                (CARRIED, _) => {
                     for error in carried.by_ref().take(count) {
                         branches.write(f, 1, error)?;
                     }
                 }
-                (Kind::Open, _) => branches.numbers.push(1),
-                (Kind::Close, _) => {
+                (OPEN, _) => branches.numbers.push(1),
+                (CLOSE, _) => {
                     branches.numbers.pop();
                     branches.pass(1);
                 }
@@ -274,7 +244,7 @@ pub struct Errors<'a> {
     carried: std::slice::Iter<'a, Error>,
 }
 
-const NOTHING: Run = Run::new(Kind::Fine, 0);
+const NOTHING: Run = Run::new(FINE, 0);
 
 impl<'a> Errors<'a> {
     pub(super) fn of(error: &'a Error) -> Errors<'a> {
@@ -304,9 +274,9 @@ impl<'a> Iterator for Errors<'a> {
             let kind = self.run.kind();
             self.run = Run::new(kind, self.run.count() - 1);
             match kind {
-                Kind::Carried => return self.carried.next(),
-                Kind::Fine | Kind::Open | Kind::Close => self.run = NOTHING,
-                plain => return plain.plain_error(),
+                CARRIED => return self.carried.next(),
+                FINE | OPEN | CLOSE => self.run = NOTHING,
+                plain => return plain_error(plain),
             }
         }
     }
@@ -344,8 +314,7 @@ impl Failures {
         if let Some(first) = self.only.take() {
             self.several.add(first);
         }
-        self.several
-            .add_run(Kind::Fine, std::mem::take(&mut self.fine));
+        self.several.add_run(FINE, std::mem::take(&mut self.fine));
         match is_first {
             true => self.only = Some(error),
             false => self.several.add(error),

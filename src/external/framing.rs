@@ -53,64 +53,52 @@ pub enum Prefix {
     U32Little,
 }
 
+impl Kind {
+    const fn delimited(delimiter: u8, of_text: bool) -> Self {
+        Kind::Delimited {
+            delimiter,
+            of_text,
+            open_end: false,
+        }
+    }
+}
+
 impl Framing {
+    const fn of(kind: Kind, most: usize) -> Self {
+        Self { kind, most }
+    }
+
     /// Records of `size` bytes each.
     pub const fn fixed(size: usize) -> Framing {
-        Framing {
-            kind: Kind::Fixed,
-            most: size,
-        }
+        Self::of(Kind::Fixed, size)
     }
 
     /// Lines of text of at most `most` bytes, without their end: a line feed, when read also a
     /// carriage return before it.
     pub const fn lines(most: usize) -> Framing {
-        Framing {
-            kind: Kind::Delimited {
-                delimiter: b'\n',
-                of_text: true,
-                open_end: false,
-            },
-            most,
-        }
+        Self::of(Kind::delimited(b'\n', true), most)
     }
 
     /// Records of at most `most` bytes that each end with the byte `delimiter`, which is no part of
     /// them.
     pub const fn delimited(delimiter: u8, most: usize) -> Framing {
-        Framing {
-            kind: Kind::Delimited {
-                delimiter,
-                of_text: false,
-                open_end: false,
-            },
-            most,
-        }
+        Self::of(Kind::delimited(delimiter, false), most)
     }
 
     /// Records of at most `most` bytes, each after its length.
     pub const fn prefixed(prefix: Prefix, most: usize) -> Framing {
-        Framing {
-            kind: Kind::Prefixed(prefix),
-            most,
-        }
+        Self::of(Kind::Prefixed(prefix), most)
     }
 
     /// Bytes as they arrive, up to `most` at once: the boundaries mean nothing.
     pub const fn chunks(most: usize) -> Framing {
-        Framing {
-            kind: Kind::Chunks,
-            most,
-        }
+        Self::of(Kind::Chunks, most)
     }
 
     /// One record for each packet of a device or socket that keeps them apart, of at most `most`
     /// bytes. An empty packet is the end of the file: the system reports both alike.
     pub const fn packets(most: usize) -> Framing {
-        Framing {
-            kind: Kind::Packets,
-            most,
-        }
+        Self::of(Kind::Packets, most)
     }
 
     /// Makes a record of what follows the last delimiter, too, if it has any bytes: for text with a

@@ -4,7 +4,6 @@
 //! passes through it; the links of `luna-links` do not.
 
 use super::error::{LinkError, OsError};
-use crate::error::Error;
 use luna_channels::{ChannelEnd, Ended};
 use luna_executors::{FileError, readable, writable, yield_now};
 use luna_platform::clock::Instant;
@@ -48,16 +47,6 @@ pub enum WireStop {
     Failed(LinkError),
     /// The channel has ended, so there is no use in it.
     Ended(ChannelEnd),
-}
-
-impl From<WireStop> for Error {
-    fn from(stop: WireStop) -> Self {
-        match stop {
-            WireStop::Failed(error) => error.into(),
-            WireStop::Ended(ChannelEnd::Closed) => Error::Closed,
-            WireStop::Ended(ChannelEnd::Poisoned) => Error::Poisoned,
-        }
-    }
 }
 
 impl From<LinkError> for WireStop {

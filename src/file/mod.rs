@@ -8,6 +8,7 @@ mod table;
 #[cfg(feature = "toml")]
 mod values;
 
+pub(crate) use problem::of_environment;
 pub use problem::{Problem, Source, nearest};
 #[cfg(feature = "toml")]
 pub use table::{Entry, entries, parse};

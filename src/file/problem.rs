@@ -1,6 +1,7 @@
 //! Texts of files, and what is wrong in them.
 
 use std::ops::Range;
+use std::path::PathBuf;
 
 /// An error in a TOML file that a person writes: a [system file](crate::System::deployment_from), a
 /// model.
@@ -41,11 +42,7 @@ impl<'a> Source<'a> {
 
     /// Line and column of a byte, both from 1.
     pub fn position(&self, byte: usize) -> (usize, usize) {
-        let mut at = byte.min(self.text.len());
-        while !self.text.is_char_boundary(at) {
-            at -= 1;
-        }
-        let before = &self.text[..at];
+        let before = &self.text[..self.text.floor_char_boundary(byte)];
         let line = before.matches('\n').count() + 1;
         let start = before.rfind('\n').map_or(0, |newline| newline + 1);
         (line, before[start..].chars().count() + 1)
@@ -73,6 +70,12 @@ impl<'a> Source<'a> {
             advice: advice.into().into(),
         }
     }
+}
+
+/// The file that an environment variable names, if it names one.
+pub(crate) fn of_environment(variable: &str) -> Option<PathBuf> {
+    let path = std::env::var_os(variable)?;
+    (!path.is_empty()).then(|| path.into())
 }
 
 /// Advice that names the nearest of the names that are there.

@@ -8,7 +8,10 @@ use std::marker::PhantomData;
 
 /// A number, a boolean or a small vector over time. This build has no logger (feature `logger`), so
 /// it is nothing: it has no size, and recording is no code.
+#[derive(Clone)]
 pub struct Signal<T>(PhantomData<fn(T)>);
+
+debug_parts!(Signal<T>);
 
 impl<T: Sample> Signal<T> {
     /// Registers nothing, where a build with the logger registers a signal.
@@ -32,18 +35,6 @@ impl<T: Sample> Signal<T> {
     /// Does nothing.
     #[inline(always)]
     pub fn record(&self, _: T) {}
-}
-
-impl<T> Clone for Signal<T> {
-    fn clone(&self) -> Self {
-        Signal(PhantomData)
-    }
-}
-
-impl<T> fmt::Debug for Signal<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Signal")
-    }
 }
 
 /// A signal to be.

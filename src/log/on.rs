@@ -100,17 +100,14 @@ impl Log {
 }
 
 /// With events, if the environment asks for them.
-#[cfg(feature = "events")]
 fn with_events(recording: Logging) -> Logging {
-    let room = std::env::var(EVENTS).ok();
-    match room.and_then(|room| room.parse().ok()) {
-        Some(room) => recording.room_for_events(room),
-        None => recording,
+    #[cfg(feature = "events")]
+    if let Some(room) = std::env::var(EVENTS)
+        .ok()
+        .and_then(|room| room.parse().ok())
+    {
+        return recording.room_for_events(room);
     }
-}
-
-#[cfg(not(feature = "events"))]
-fn with_events(recording: Logging) -> Logging {
     recording
 }
 

@@ -193,12 +193,17 @@ impl fmt::Display for Refusal {
 }
 
 /// Why a set of parameters was not taken. Nothing of it was.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum SetError {
     /// These of its values.
+    #[error("no parameter was set: {}", joined(.0))]
     Refused(Vec<Refusal>),
     /// The file cannot be read, or is no TOML.
+    #[error(
+        "no parameter was set: {path}{}: {message}",
+        .line.map_or_else(String::new, |line| format!(":{line}"))
+    )]
     File {
         /// Which.
         path: String,
@@ -208,61 +213,34 @@ pub enum SetError {
         message: String,
     },
     /// An assignment is not of the form `NAME=VALUE`.
+    #[error("no parameter was set: {source}`{text}` is not NAME=VALUE, such as pan/kp=2.5")]
     Syntax {
         /// Where it came from.
-        source: Source,
+        r#source: Source,
         /// What was written.
         text: String,
     },
     /// A file was to be read again, and there is none.
+    #[error(
+        "there is no file of parameters to read again; name one by System::parameters_from or LUNA_PARAMETERS"
+    )]
     NoFile,
     /// The system does not run yet, or does no longer.
+    #[error(
+        "system `{system}` does not run, so its parameters cannot be replaced; before the start use System::set_parameter"
+    )]
     NotRunning {
         /// Its name.
         system: String,
     },
     /// The system is replayed: it gets the recorded values.
+    #[error(
+        "the system is replayed, with the parameters that were recorded, so they cannot be replaced"
+    )]
     Replayed,
 }
 
-impl fmt::Display for SetError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            SetError::Refused(refused) => {
-                f.write_str("no parameter was set")?;
-                for (index, one) in refused.iter().enumerate() {
-                    let sign = if index == 0 { ": " } else { "; " };
-                    write!(f, "{sign}{one}")?;
-                }
-                Ok(())
-            }
-            SetError::File {
-                path,
-                line,
-                message,
-            } => {
-                write!(f, "no parameter was set: {path}")?;
-                if let Some(line) = line {
-                    write!(f, ":{line}")?;
-                }
-                write!(f, ": {message}")
-            }
-            SetError::Syntax { source, text } => write!(
-                f,
-                "no parameter was set: {source}`{text}` is not NAME=VALUE, such as pan/kp=2.5"
-            ),
-            SetError::NoFile => f.write_str(
-                "there is no file of parameters to read again; name one by System::parameters_from or LUNA_PARAMETERS",
-            ),
-            SetError::NotRunning { system } => write!(
-                f,
-                "system `{system}` does not run, so its parameters cannot be replaced; before the start use System::set_parameter"
-            ),
-            SetError::Replayed => f.write_str(
-                "the system is replayed, with the parameters that were recorded, so they cannot be replaced",
-            ),
-        }
-    }
+fn joined(refused: &[Refusal]) -> String {
+    let refused: Vec<_> = refused.iter().map(Refusal::to_string).collect();
+    refused.join("; ")
 }
-
-impl std::error::Error for SetError {}

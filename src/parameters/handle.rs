@@ -149,19 +149,11 @@ pub struct Info {
 
 impl fmt::Display for Info {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Info {
-            name,
-            value,
-            unit,
-            type_name,
-            default,
-            ..
-        } = self;
-        write!(f, "{name} = {value}")?;
-        if !unit.is_empty() {
-            write!(f, " {unit}")?;
+        write!(f, "{} = {}", self.name, self.value)?;
+        if !self.unit.is_empty() {
+            write!(f, " {}", self.unit)?;
         }
-        write!(f, " ({type_name}, default {default}")?;
+        write!(f, " ({}, default {}", self.type_name, self.default)?;
         if let (Some(least), Some(most)) = (&self.least, &self.most) {
             write!(f, ", {least} to {most}")?;
         }

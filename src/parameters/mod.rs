@@ -56,6 +56,7 @@ pub use types::{Choice, Number, Tunable};
 pub use value::Value;
 pub(crate) use watch::FileWatch;
 
+use crate::system::arguments::take_options;
 use sources::Given;
 
 impl Store {
@@ -73,38 +74,20 @@ impl Store {
         &self,
         arguments: impl IntoIterator<Item = String>,
     ) -> Result<Vec<String>, SetError> {
-        let mut others = Vec::new();
-        let mut arguments = arguments.into_iter();
-        while let Some(argument) = arguments.next() {
-            if argument == "--" {
-                // What follows are no options.
-                others.push(argument);
-                others.extend(arguments);
-                break;
+        take_options(arguments, &["--parameters", "--set"], |option, value| {
+            if option == "--set" {
+                return self.take_assignment(&value);
             }
-            let (option, value) = match argument.split_once('=') {
-                Some((option, value)) => (option, Some(value.to_owned())),
-                None => (argument.as_str(), None),
-            };
-            match option {
-                "--parameters" | "--set" => {
-                    let value = value.or_else(|| arguments.next()).unwrap_or_default();
-                    if option == "--set" {
-                        self.take_assignment(&value)?;
-                    } else if value.is_empty() {
-                        return Err(SetError::File {
-                            path: option.to_owned(),
-                            line: None,
-                            message: "it needs the name of a file".to_owned(),
-                        });
-                    } else {
-                        self.read_from(value.into());
-                    }
-                }
-                _ => others.push(argument),
+            if value.is_empty() {
+                return Err(SetError::File {
+                    path: option.to_owned(),
+                    line: None,
+                    message: "it needs the name of a file".to_owned(),
+                });
             }
-        }
-        Ok(others)
+            self.read_from(value.into());
+            Ok(())
+        })
     }
 
     /// Takes `NAME=VALUE`, as if it were behind `--set`.

@@ -12,7 +12,7 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A value that is set from outside, and read on the real-time path: see [`parameters`](super).
 ///
@@ -60,12 +60,7 @@ impl<T: Tunable> Parameter<T> {
     #[inline]
     pub fn get(&self) -> T {
         if T::IS_ARRAY {
-            let make = |words: &[_]| {
-                T::of_words(|index| {
-                    let word: &std::sync::atomic::AtomicU64 = &words[index];
-                    word.load(Ordering::Relaxed)
-                })
-            };
+            let make = |words: &[AtomicU64]| T::of_words(|i| words[i].load(Ordering::Relaxed));
             self.cells.several(make)
         } else {
             T::of_words(|_| self.cells.word())
@@ -103,12 +98,8 @@ pub struct ParameterBuilder<'a, T> {
     plan: &'a Plan,
     /// The process that it is declared for, by number and name.
     process: (ProcessId, &'a str),
-    name: Arc<str>,
-    default: T,
-    unit: String,
-    description: String,
-    range: Option<(Value, Value)>,
-    is_shared: bool,
+    declared: Declared,
+    has: PhantomData<fn() -> T>,
 }
 
 impl<'a, T: Tunable> ParameterBuilder<'a, T> {
@@ -118,27 +109,35 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
         name: &str,
         default: T,
     ) -> Self {
+        let declared = Declared {
+            name: name.into(),
+            unit: String::new(),
+            description: String::new(),
+            form: Form {
+                kind: T::kind(),
+                elements: T::IS_ARRAY.then_some(T::WORDS),
+                range: None,
+            },
+            default: (0..T::WORDS).map(|index| default.word(index)).collect(),
+            is_shared: false,
+        };
         Self {
             plan,
             process,
-            name: name.into(),
-            default,
-            unit: String::new(),
-            description: String::new(),
-            range: None,
-            is_shared: false,
+            declared,
+            has: PhantomData,
         }
     }
 
     /// What it is measured in.
     pub fn unit(mut self, unit: &str) -> Self {
-        self.unit = unit.to_owned();
+        self.declared.unit = unit.to_owned();
         self
     }
 
     /// What it is, in a few words.
     pub fn description(mut self, text: &str) -> Self {
-        self.description = text.to_owned();
+        self.declared.description = text.to_owned();
         self
     }
 
@@ -148,13 +147,13 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
         T::Element: Number + Into<Value>,
     {
         let (least, most) = range.into_inner();
-        self.range = Some((least.into(), most.into()));
+        self.declared.form.range = Some((least.into(), most.into()));
         self
     }
 
     /// Other processes may declare it too, alike. Each takes a set at its own cycle's begin.
     pub fn shared(mut self) -> Self {
-        self.is_shared = true;
+        self.declared.is_shared = true;
         self
     }
 
@@ -176,40 +175,30 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
         self.declare().inspect_err(|_| plan.note_refusal())
     }
 
-    fn declare(self) -> Result<Parameter<T>, DeclareError> {
-        let parameter = || self.name.to_string();
-        if let Some((least, most)) = &self.range
+    fn declare(mut self) -> Result<Parameter<T>, DeclareError> {
+        let Declared {
+            name,
+            form,
+            default,
+            ..
+        } = &mut self.declared;
+        if let Some((least, most)) = &form.range
             && !is_range(least, most)
         {
             return Err(DeclareError::Range {
-                parameter: parameter(),
+                parameter: name.to_string(),
                 range: format!("{least} to {most}"),
             });
         }
-        let form = Form {
-            kind: T::kind(),
-            elements: T::IS_ARRAY.then_some(T::WORDS),
-            range: self.range,
-        };
-        let words: Box<[u64]> = (0..T::WORDS)
-            .map(|index| self.default.word(index))
-            .collect();
-        let value = form.unpack(&words);
-        let default = form.pack(&value).map_err(|reason| DeclareError::Default {
-            parameter: self.name.to_string(),
+        let value = form.unpack(default);
+        *default = form.pack(&value).map_err(|reason| DeclareError::Default {
+            parameter: name.to_string(),
             value: value.to_string(),
             reason,
         })?;
-        let declared = Declared {
-            name: self.name,
-            unit: self.unit,
-            description: self.description,
-            form,
-            default,
-            is_shared: self.is_shared,
-        };
         let (process, its_name) = self.process;
-        let cells = self.plan.parameters.declare(declared, process, its_name)?;
+        let parameters = &self.plan.parameters;
+        let cells = parameters.declare(self.declared, process, its_name)?;
         Ok(Parameter {
             cells,
             has: PhantomData,
@@ -220,7 +209,7 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
 impl<T> fmt::Debug for ParameterBuilder<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("ParameterBuilder")
-            .field("name", &self.name)
+            .field("name", &self.declared.name)
             .finish_non_exhaustive()
     }
 }

@@ -4,10 +4,10 @@ use super::error::{Reason, Refusal, SetError, Source};
 use super::value::Value;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The variable of the environment that names a file.
-const FILE: &str = "LUNA_PARAMETERS";
+pub(super) const FILE: &str = "LUNA_PARAMETERS";
 /// The variable that has values.
 const VALUES: &str = "LUNA_SET";
 
@@ -48,12 +48,6 @@ pub(super) fn merge(
         all.extend(of_layer);
     }
     all
-}
-
-/// The file that the environment names.
-pub(super) fn file_of_environment() -> Option<PathBuf> {
-    let path = std::env::var_os(FILE)?;
-    (!path.is_empty()).then(|| path.into())
 }
 
 /// The values that the environment gives.

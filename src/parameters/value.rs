@@ -51,47 +51,24 @@ impl fmt::Display for Value {
     }
 }
 
-macro_rules! integers {
-    ($($of:ty)*) => {$(
+macro_rules! from {
+    ($($($of:ty),+ => $make:expr;)*) => {$($(
         impl From<$of> for Value {
-            fn from(number: $of) -> Value {
-                Value::Integer(number.into())
+            fn from(value: $of) -> Value {
+                $make(value)
             }
         }
-    )*};
+    )+)*};
 }
 
-integers!(i8 i16 i32 i64 u8 u16 u32 u64);
-
-impl From<f64> for Value {
-    fn from(number: f64) -> Value {
-        Value::Float(number)
-    }
-}
-
-impl From<f32> for Value {
-    fn from(number: f32) -> Value {
-        // 0.1, and not the f32 nearest to it.
-        Value::Float(number.to_string().parse().unwrap_or(f64::from(number)))
-    }
-}
-
-impl From<bool> for Value {
-    fn from(is: bool) -> Value {
-        Value::Bool(is)
-    }
-}
-
-impl From<&str> for Value {
-    fn from(text: &str) -> Value {
-        Value::Text(text.to_owned())
-    }
-}
-
-impl From<String> for Value {
-    fn from(text: String) -> Value {
-        Value::Text(text)
-    }
+from! {
+    i8, i16, i32, i64, u8, u16, u32, u64 => |number| Value::Integer(i128::from(number));
+    f64 => Value::Float;
+    // 0.1, and not the f32 nearest to it.
+    f32 => |number: f32| Value::Float(number.to_string().parse().unwrap_or(number.into()));
+    bool => Value::Bool;
+    &str => |text: &str| Value::Text(text.to_owned());
+    String => Value::Text;
 }
 
 impl<T: Into<Value>, const N: usize> From<[T; N]> for Value {

@@ -82,7 +82,8 @@ impl FileWatch {
         if !changes.are_to_be_read(stamp(file)) {
             return Ok(());
         }
-        store.reload_if(|| changes.have_been_read(stamp(file)))
+        store.reload_if(|| changes.have_been_read(stamp(file)))?;
+        Ok(())
     }
 }
 

@@ -93,27 +93,8 @@ impl Head {
     }
 }
 
-/// The code of an outcome.
-pub(super) fn code_of(what: What) -> u8 {
-    match what {
-        What::Done => 0,
-        What::Failed => 1,
-        What::TimedOut => 2,
-        What::Chosen => 3,
-        What::Time => 4,
-    }
-}
-
-/// The code of bytes.
-pub(super) fn code_about(about: About) -> u8 {
-    match about {
-        About::Input => 5,
-        About::Output => 6,
-        About::Cycle => 7,
-        About::Read => 11,
-    }
-}
-
+/// What bytes may be about: the codes up to 4 are those of outcomes.
+const ABOUTS: [About; 4] = [About::Input, About::Output, About::Cycle, About::Read];
 pub(super) const ENDED: u8 = 8;
 pub(super) const CUT: u8 = 9;
 pub(super) const CUT_WITHIN: u8 = 10;
@@ -213,13 +194,11 @@ impl<'a> Reader<'a> {
                 self.last_time = unzigzag(self.last_time, difference);
                 outcome(What::Time, self.last_time, 0)
             }
-            code @ (5..=7 | 11) => {
-                let about = match code {
-                    5 => About::Input,
-                    6 => About::Output,
-                    7 => About::Cycle,
-                    _ => About::Read,
-                };
+            ENDED => Kind::Ended,
+            CUT => Kind::Cut(false),
+            CUT_WITHIN => Kind::Cut(true),
+            code => {
+                let about = ABOUTS.into_iter().find(|about| *about as u8 == code)?;
                 let name = u32::try_from(self.number()?).ok()?;
                 let length = usize::try_from(self.number()?).ok()?;
                 let (bytes, rest) = self.bytes.split_at_checked(length)?;
@@ -230,10 +209,6 @@ impl<'a> Reader<'a> {
                     bytes: bytes.to_vec(),
                 }
             }
-            ENDED => Kind::Ended,
-            CUT => Kind::Cut(false),
-            CUT_WITHIN => Kind::Cut(true),
-            _ => return None,
         };
         self.branch_logs.insert(path, operation);
         Some(Event {
@@ -266,7 +241,7 @@ mod tests {
 
     #[test]
     fn an_event_is_read_as_it_was_written_and_no_part_of_it_is_one() {
-        let mut head = Head::new(code_of(What::Chosen), false, 77, 300);
+        let mut head = Head::new(What::Chosen as u8, false, 77, 300);
         head.number(2);
         head.number(1 << 40);
         let mut reader = Reader::new(head.get());

@@ -103,7 +103,7 @@ unsafe impl Send for SafeStateEntered {}
 unsafe impl Sync for SafeStateEntered {}
 
 impl SafeStateEntered {
-    pub(super) fn new(emergency: Arc<Emergency>) -> Self {
+    pub(super) fn new(emergency: Arc<Emergency>, is_edge: bool) -> Self {
         Self {
             emergency,
             waiter: UnsafeCell::new(Waiter {
@@ -111,16 +111,10 @@ impl SafeStateEntered {
                 is_listed: false,
                 round: 0,
             }),
-            is_edge: false,
+            is_edge,
             reported: None,
             _pinned: PhantomPinned,
         }
-    }
-
-    pub(super) fn edge(emergency: Arc<Emergency>) -> Self {
-        let mut edge = Self::new(emergency);
-        edge.is_edge = true;
-        edge
     }
 
     /// The level that this future is to report, if the system is in one.

@@ -107,10 +107,6 @@ impl Guardian {
         self.arguments.push(argument.as_ref().to_owned());
         self
     }
-
-    fn describe(&self) -> String {
-        self.program.to_string_lossy().into_owned()
-    }
 }
 
 /// Makes this program a guardian if it was started as one by [`Guardian::this_program`]: it does
@@ -194,7 +190,7 @@ impl GuardianWatch {
     ) -> Result<Self> {
         let failed = |message: String| {
             Error::from(SetupError::Guardian {
-                command: guardian.describe(),
+                command: guardian.program.to_string_lossy().into_owned(),
                 message,
             })
         };

@@ -95,7 +95,7 @@ impl Safety {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn safe_state_entered(&self) -> SafeStateEntered {
-        SafeStateEntered::new(self.0.clone())
+        SafeStateEntered::new(self.0.clone(), false)
     }
 
     /// As [`safe_state_entered`](Self::safe_state_entered), but it reports each safe state once: at
@@ -148,7 +148,7 @@ impl Safety {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn safe_state_edge(&self) -> SafeStateEntered {
-        SafeStateEntered::edge(self.0.clone())
+        SafeStateEntered::new(self.0.clone(), true)
     }
 
     /// The state, with causes, processes' names and times. Not for the real-time path: it

@@ -36,7 +36,7 @@ fn folder() -> PathBuf {
 }
 
 /// A system that runs and is [announced](crate::System::announce).
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct AnnouncedSystem {
     /// Its name.
@@ -151,13 +151,7 @@ fn read(path: &Path) -> io::Result<Option<AnnouncedSystem>> {
 
 fn parse(text: &str) -> Option<AnnouncedSystem> {
     let rest = text.strip_prefix(HEAD)?.strip_prefix('\n')?;
-    let mut system = AnnouncedSystem {
-        name: String::new(),
-        pid: 0,
-        program: String::new(),
-        threads: Vec::new(),
-        addresses: Vec::new(),
-    };
+    let mut system = AnnouncedSystem::default();
     for line in rest.lines() {
         let (what, value) = line.split_once(' ').unwrap_or((line, ""));
         match what {

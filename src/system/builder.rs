@@ -1,8 +1,9 @@
 //! How a system is described: builders of executors, threads and processes.
 
-use super::plan::{ExecutorPlan, Placement, Plan, ProcessPlan};
+use super::plan::{Placement, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess, Prepared};
-use crate::error::{Error, Result, SetupError};
+use crate::deployment::Deployment;
+use crate::error::{Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
 use crate::safety::{Budgets, Ledger, OnOverrun};
@@ -16,26 +17,30 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Whether the machine has the requested core. The start shows whether this program may use it.
-fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
-    let Some(core) = core else { return Ok(()) };
+fn check_core(
+    plan: &Plan,
+    deployment: Option<&Deployment>,
+    attributes: &Attributes,
+) -> Result<(), SetupError> {
+    let Some(core) = attributes.asked_core() else {
+        return Ok(());
+    };
     if plan.settings().clock.kind().is_virtual() {
         // It is not requested: what is simulated may be a larger machine.
         return Ok(());
     }
     // Where the machine does not report its cores, the start reports that.
     let online = Source::machine().parse("/sys/devices/system/cpu/online", core_list);
-    let Ok(available) = online else {
+    let Some(available) = online.ok().filter(|cores| !cores.contains(&core)) else {
         return Ok(());
     };
-    if available.contains(&core) {
-        return Ok(());
-    }
-    Err(SetupError::NoSuchCore {
-        of: of.to_owned(),
+    let of = attributes.name().to_owned();
+    let stated = deployment.and_then(|deployment| deployment.lacks_core(&of, &available));
+    Err(stated.unwrap_or(SetupError::NoSuchCore {
+        of,
         core,
         available,
-    }
-    .into())
+    }))
 }
 
 /// The attributes of a thread as the system file has them, if they make sense and the machine has
@@ -46,19 +51,11 @@ fn settled(plan: &Plan, attributes: Attributes, is_shared: bool) -> Result<Attri
         Some(deployment) => deployment.thread(attributes, is_shared)?,
         None => attributes,
     };
-    let valid = match is_shared {
-        true => attributes.validate_shared(),
-        false => attributes.validate(),
-    };
-    valid.map_err(Error::from)?;
-    let checked = check_core(plan, attributes.name(), attributes.asked_core());
-    checked.map_err(|error| {
-        let Error::Setup(SetupError::NoSuchCore { available, of, .. }) = &error else {
-            return error;
-        };
-        let stated = deployment.and_then(|deployment| deployment.lacks_core(of, available));
-        stated.map_or(error, Error::from)
-    })?;
+    match is_shared {
+        true => attributes.validate_shared()?,
+        false => attributes.validate()?,
+    }
+    check_core(plan, deployment, &attributes)?;
     Ok(attributes)
 }
 
@@ -122,7 +119,6 @@ macro_rules! place_methods {
 #[must_use = "an executor is made by `build`"]
 pub struct ExecutorBuilder {
     plan: Arc<Plan>,
-    name: String,
     attributes: Attributes,
 }
 
@@ -130,7 +126,6 @@ impl ExecutorBuilder {
     pub(crate) fn new(plan: Arc<Plan>, name: &str) -> Self {
         Self {
             plan,
-            name: name.to_owned(),
             attributes: Attributes::new(name),
         }
     }
@@ -158,13 +153,9 @@ impl ExecutorBuilder {
     /// assert!(matches!(twice, Err(Error::Setup(SetupError::DuplicateName { .. }))));
     /// ```
     pub fn build(self) -> Result<Executor> {
-        let Self {
-            plan,
-            name,
-            attributes,
-        } = self;
+        let Self { plan, attributes } = self;
         let number = settled(&plan, attributes, true)
-            .and_then(|attributes| plan.add_executor(ExecutorPlan { name, attributes }))
+            .and_then(|attributes| plan.add_executor(attributes))
             .inspect_err(|_| plan.note_refusal())?;
         Ok(Executor { plan, number })
     }
@@ -206,7 +197,7 @@ impl Executor {
     /// A spawned process of this system, from when it runs. Not for the real-time path, as
     /// [`System::process_handle`](crate::System::process_handle).
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.plan.process_handle(id)
+        self.plan.members().started.handle(id)
     }
 }
 
@@ -524,7 +515,7 @@ impl ProcessBuilder {
                 // From here on it is used up, so the name stays taken, also if what is the user's
                 // panics.
                 name.keep();
-                stand_in.prepare(ends)
+                (stand_in.prepare)(Box::new(ends))
             }
             None => {
                 let prepared = body(ends).prepare().boxed();
@@ -543,7 +534,7 @@ impl ProcessBuilder {
         }
         if let Placement::Thread(attributes) = &mut self.place {
             **attributes = settled(&self.plan, (**attributes).clone(), false)?;
-            self.plan.take_thread_name(attributes.name())?;
+            self.plan.members().take_thread_name(attributes.name())?;
         }
         if let Some(deployment) = self.plan.deployment() {
             let Self { spec, place, .. } = self;
@@ -583,7 +574,7 @@ impl ProcessBuilder {
     }
 }
 
-debug_parts!(ExecutorBuilder as builder: name = builder.name);
+debug_parts!(ExecutorBuilder as builder: name = builder.attributes.name());
 debug_parts!(Thread as thread: name = thread.attributes.name());
 debug_parts!(ProcessBuilder as builder: name = builder.spec.name());
 debug_parts!(Executor as executor: number = executor.number);

@@ -1,6 +1,6 @@
 //! Makes the picture of a system from its plan, its threads, and the views of its processes.
 
-use super::plan::{ExecutorPlan, Members, On, Placement, Plan};
+use super::plan::{Members, On, Placement, Plan};
 use crate::csp::composition::{
     ChannelPart, Composition, EndUser, ProcessKind, ProcessPart, ThreadKind, ThreadPart,
     WaitingPart,
@@ -88,7 +88,7 @@ fn part(name: &str, id: ProcessId, state: ProcessState, priority: u8) -> Process
 
 /// The threads with their processes: those that are planned, or those that were started.
 pub(super) fn parts(members: &Members) -> Vec<ThreadPart> {
-    let planned = members.executors.iter().map(ExecutorPlan::part);
+    let planned = members.executors.iter().map(ThreadPart::executor);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
         let known = member.known();
@@ -105,14 +105,10 @@ pub(super) fn parts(members: &Members) -> Vec<ThreadPart> {
         );
         let on = match &process.place {
             Placement::Executor(number) => On::Executor(*number),
-            Placement::Thread(attributes) => {
-                let name = attributes.name();
-                On::Thread(Box::new(ThreadPart::asked(
-                    name,
-                    ThreadKind::OsThread,
-                    attributes,
-                )))
-            }
+            Placement::Thread(attributes) => On::Thread(Box::new(ThreadPart::asked(
+                ThreadKind::OsThread,
+                attributes,
+            ))),
         };
         (part, on)
     });

@@ -73,7 +73,7 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
             .or_else(|| caught_panic(started, emergency, &report)),
     }
     // For any end of the system: something may not be as its process was to leave it.
-    .or_else(|| started.first_cleanup().cloned());
+    .or_else(|| started.first_cleanup.get().cloned());
     let error = match (error, recorded) {
         // Errors that processes return in a replay that has diverged do not count.
         (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
@@ -133,7 +133,7 @@ fn end_of(ended: &Ended, started: &Register, is_raised: bool) -> End {
             None => End::Completed,
         };
     }
-    match started.first_panic() {
+    match started.first_panic.get() {
         _ if is_raised => End::Emergency,
         None if ended.report.deadlock.is_some() && ended.running.ends_at_deadlock() => {
             End::Deadlock
@@ -174,7 +174,7 @@ fn error_of_run(started: &Register, raised: Option<Error>, report: &Report) -> O
         End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
         End::Overrun => started.overrun(),
         End::Emergency => raised,
-        End::Panic => started.first_panic().cloned(),
-        End::Completed => started.first_error().cloned(),
+        End::Panic => started.first_panic.get().cloned(),
+        End::Completed => started.first_error.get().cloned(),
     }
 }

@@ -1,6 +1,7 @@
 //! Where a system's deployment comes from, if it is not the program alone.
 
 use super::System;
+use super::arguments::take_options;
 use crate::error::{Result, SetupError};
 use std::path::Path;
 
@@ -69,33 +70,16 @@ impl System {
         &mut self,
         arguments: impl IntoIterator<Item = String>,
     ) -> Result<Vec<String>> {
-        const OPTION: &str = "--deployment";
-        let mut others = Vec::new();
-        let mut arguments = arguments.into_iter();
-        while let Some(argument) = arguments.next() {
-            if argument == "--" {
-                others.push(argument);
-                others.extend(arguments);
-                break;
-            }
-            let file = match argument.strip_prefix(OPTION) {
-                Some("") => arguments.next().unwrap_or_default(),
-                Some(value) if value.starts_with('=') => value[1..].to_owned(),
-                _ => {
-                    others.push(argument);
-                    continue;
-                }
-            };
+        take_options(arguments, &["--deployment"], |option, file| {
             if file.is_empty() {
                 self.plan.note_refusal();
                 return Err(SetupError::DeploymentFile {
-                    path: OPTION.to_owned(),
+                    path: option.to_owned(),
                     message: "it needs the name of a file".to_owned(),
                 }
                 .into());
             }
-            self.deployment_from(file)?;
-        }
-        Ok(others)
+            self.deployment_from(file).map(|_| ())
+        })
     }
 }

@@ -5,7 +5,7 @@ mod processes;
 
 use super::clock::ClockKind;
 use super::neighbours;
-use super::plan::{ExecutorPlan, Phase, Plan, ProcessPlan, Running, Settings};
+use super::plan::{Phase, Plan, ProcessPlan, Running, Settings};
 use super::register::REMEMBERED;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::Common;
@@ -59,7 +59,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
             .into());
         }
         members.phase = Phase::Running;
-        members.places = members.executors.iter().map(ExecutorPlan::part).collect();
+        members.places = members.executors.iter().map(ThreadPart::executor).collect();
         (
             std::mem::take(&mut members.executors),
             std::mem::take(&mut members.waiting),
@@ -88,7 +88,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
 fn launch_described(
     plan: &Plan,
     mut settings: Settings,
-    mut executor_plans: Vec<ExecutorPlan>,
+    mut executor_plans: Vec<Attributes>,
     mut waiting: Vec<ProcessPlan>,
     registry: &Arc<ProcessRegistry>,
 ) -> Result<Launched> {
@@ -210,18 +210,19 @@ fn start_timers(
 }
 
 fn start_executors(
-    plans: Vec<ExecutorPlan>,
+    plans: Vec<Attributes>,
     simulation: Option<&SimulationHandle>,
     mode: Mode,
     registry: &Arc<ProcessRegistry>,
 ) -> Result<Vec<(String, Executor)>> {
-    let start = |executor: ExecutorPlan| {
+    let start = |executor: Attributes| {
+        let name = executor.name().to_owned();
         let started = match simulation {
-            None => Executor::start_counted(executor.attributes.mode(mode), registry.clone())
-                .map_err(|error| Error::not_started(&executor.name, error))?,
-            Some(simulation) => Executor::start_simulated(simulation, &executor.attributes),
+            None => Executor::start_counted(executor.mode(mode), registry.clone())
+                .map_err(|error| Error::not_started(&name, error))?,
+            Some(simulation) => Executor::start_simulated(simulation, &executor),
         };
-        Ok((executor.name, started))
+        Ok((name, started))
     };
     plans.into_iter().map(start).collect()
 }

@@ -18,6 +18,7 @@
 //! ```
 
 pub(crate) mod announcement;
+pub(crate) mod arguments;
 mod builder;
 mod clock;
 mod compose;
@@ -50,7 +51,7 @@ use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
 use crate::report::Report;
-use crate::time::{Manager, TimerManager, Timers};
+use crate::time::{TimerManager, Timers};
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
 pub(crate) use plan::{Member, Phase, Plan};
@@ -150,7 +151,7 @@ impl System {
         match timers {
             Timers::Executor => settings.manager = None,
             // One that callbacks were made with stays.
-            Timers::Manager => drop(settings.manager.get_or_insert_with(Manager::new)),
+            Timers::Manager => drop(settings.manager.get_or_insert_default()),
         }
         drop(settings);
         self
@@ -442,7 +443,7 @@ impl System {
     /// loop. Also from [`Executor::process_handle`]. None for one that has ended and is not
     /// [remembered](Self::remember_ended); a handle that was had before stays.
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.plan.process_handle(id)
+        self.plan.members().started.handle(id)
     }
 
     /// What the system is made of at this moment: a tree of threads, processes and named

@@ -4,7 +4,7 @@
 //! User space does not see which threads wait for a core, so this module uses the plan. A thread
 //! that is not pinned may come to any core, so it shares all of them.
 
-use super::plan::{ExecutorPlan, NamedThread, Placement, ProcessPlan};
+use super::plan::{NamedThread, Placement, ProcessPlan};
 use crate::csp::composition::ThreadPart;
 use crate::notice::notice;
 use luna_executors::ExecutorHandle;
@@ -31,27 +31,24 @@ fn refusal(
 
 /// Refuses the threads of a system that is about to start what they cannot have beside each other.
 /// O(threads²), and only for those that request it.
-pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPlan]) {
-    let mut all: Vec<(String, &mut Attributes)> = Vec::new();
-    for executor in executors {
-        all.push((executor.name.clone(), &mut executor.attributes));
-    }
-    for process in processes {
-        if let Placement::Thread(attributes) = &mut process.place {
-            all.push((attributes.name().to_owned(), attributes));
-        }
-    }
-    let cores: Vec<_> = all
+pub(super) fn settle(executors: &mut [Attributes], processes: &mut [ProcessPlan]) {
+    let threads = processes
+        .iter_mut()
+        .filter_map(|process| match &mut process.place {
+            Placement::Thread(attributes) => Some(&mut **attributes),
+            Placement::Executor(_) => None,
+        });
+    let all: Vec<&mut Attributes> = executors.iter_mut().chain(threads).collect();
+    let known = all
         .iter()
-        .map(|(_, attributes)| attributes.asked_core())
-        .collect();
-    let names: Vec<_> = all.iter().map(|(name, _)| name.clone()).collect();
-    for (index, (_, attributes)) in all.into_iter().enumerate() {
+        .map(|one| (one.name().to_owned(), one.asked_core()));
+    let known: Vec<_> = known.collect();
+    for (index, attributes) in all.into_iter().enumerate() {
         if attributes.asked_spin().is_zero() {
             continue;
         }
-        let mut others = (0..cores.len()).filter(|other| *other != index);
-        let why = others.find_map(|other| refusal(cores[index], &names[other], cores[other]));
+        let mut others = (0..known.len()).filter(|other| *other != index);
+        let why = others.find_map(|other| refusal(known[index].1, &known[other].0, known[other].1));
         if let Some(why) = why {
             *attributes = attributes.clone().refuse_spin(why);
         }
@@ -59,20 +56,8 @@ pub(super) fn settle(executors: &mut [ExecutorPlan], processes: &mut [ProcessPla
 }
 
 /// A thread may come to those that have been started: refuses it what it cannot have beside them,
-/// and takes from them what they cannot have beside it, which is reported on standard error. Does
-/// nothing to a process that has no thread of its own.
+/// and takes from them what they cannot have beside it, which is reported on standard error.
 pub(super) fn join(
-    plan: &mut ProcessPlan,
-    executors: &[ExecutorHandle],
-    parts: &[ThreadPart],
-    threads: &[NamedThread],
-) {
-    if let Placement::Thread(attributes) = &mut plan.place {
-        join_as(attributes, executors, parts, threads);
-    }
-}
-
-fn join_as(
     attributes: &mut Attributes,
     executors: &[ExecutorHandle],
     parts: &[ThreadPart],
@@ -127,12 +112,12 @@ mod tests {
 
         let mut of_second = comes.clone();
         let executors = [executor.handle().clone()];
-        join_as(&mut of_second, &executors, &[part], &[]);
+        join(&mut of_second, &executors, &[part], &[]);
         let with_executor = (executor.handle().end_spin(), refused(of_second));
 
         let mut of_second = comes;
         let threads = [("first".to_owned(), thread)];
-        join_as(&mut of_second, &[], &[], &threads);
+        join(&mut of_second, &[], &[], &threads);
         [with_executor, (threads[0].1.end_spin(), refused(of_second))]
     }
 

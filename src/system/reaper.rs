@@ -2,7 +2,6 @@
 
 use super::pending_errors::PendingErrors;
 use super::plan::{Plan, Running};
-use super::register::Reaped;
 use crate::csp::process::clean_up;
 use luna_core::{current, deferred_free};
 use luna_platform::clock::Instant;
@@ -34,34 +33,26 @@ impl Reaper<'_> {
                 have_ended |= members.started.take_news();
                 members.started.next_reaped()
             };
-            let Some(Reaped {
-                resident,
-                of,
-                ended_for_overrun,
-                error,
-                forgotten,
-            }) = next
-            else {
-                break;
-            };
-            let _ = catch_unwind(AssertUnwindSafe(|| drop(forgotten)));
-            if let (Some(error), Some(errors)) = (error, self.errors) {
+            let Some(reaped) = next else { break };
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(reaped.forgotten)));
+            if let (Some(error), Some(errors)) = (reaped.error, self.errors) {
                 errors.add(&error);
             }
-            let panicked = if ended_for_overrun {
+            let panicked = if reaped.ended_for_overrun {
                 // What it holds outside of its body is dropped in the same way as the body was.
-                current::poison_dropped_ends(|| clean_up(resident))
+                current::poison_dropped_ends(|| clean_up(reaped.resident))
             } else {
-                clean_up(resident)
+                clean_up(reaped.resident)
             };
             if let Some(error) = panicked
-                && let Some((order, process)) = of
+                && let Some((order, process)) = reaped.of
             {
                 let error = error.in_process(&process);
                 if let Some(errors) = self.errors {
                     errors.add(&error);
                 }
-                self.plan.members().started.note_cleanup(order, &error);
+                let started = &mut self.plan.members().started;
+                started.first_cleanup.keep(order, &error);
             }
         }
         deferred_free::collect();

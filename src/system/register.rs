@@ -24,6 +24,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 pub(super) const REMEMBERED: usize = 1024;
 
 /// Work that is left for a process that has ended, to be done outside of the plan's lock.
+#[derive(Default)]
 pub(super) struct Reaped {
     pub(super) resident: Option<Box<dyn Phases>>,
     /// The process that owns it, by its place in the order of starts and its name.
@@ -35,8 +36,22 @@ pub(super) struct Reaped {
     pub(super) forgotten: Option<ProcessHandle>,
 }
 
-/// The error, with its process' place in the order of starts.
-type Found = Option<(u32, Error)>;
+/// The error of the process that started first among several, with its place in the order of
+/// starts.
+#[derive(Default)]
+pub(super) struct First(Option<(u32, Error)>);
+
+impl First {
+    pub(super) fn keep(&mut self, order: u32, error: &Error) {
+        if self.0.as_ref().is_none_or(|(other, _)| order < *other) {
+            self.0 = Some((order, error.clone()));
+        }
+    }
+
+    pub(super) fn get(&self) -> Option<&Error> {
+        self.0.as_ref().map(|(_, error)| error)
+    }
+}
 
 #[derive(Default)]
 pub(crate) struct Register {
@@ -56,10 +71,10 @@ pub(crate) struct Register {
     pub(super) most_ended: usize,
     earlier: EarlierProcesses,
     forgotten: Numbers,
-    first_error: Found,
-    first_panic: Found,
-    /// The first panic while cleaning up.
-    first_cleanup: Found,
+    pub(super) first_error: First,
+    pub(super) first_panic: First,
+    /// Of panics while cleaning up.
+    pub(super) first_cleanup: First,
     /// Number of looks at members, one by one or all together.
     #[cfg(test)]
     looks: std::cell::Cell<usize>,
@@ -195,9 +210,9 @@ impl Register {
             .then(|| (order, member.name().to_string()));
         let kept = member.forget_body();
         if let Some(error) = &error {
-            keep_first(&mut self.first_error, order, error);
+            self.first_error.keep(order, error);
             if is_panic(error) {
-                keep_first(&mut self.first_panic, order, error);
+                self.first_panic.keep(order, error);
             }
         }
         if resident.is_some() || error.is_some() {
@@ -241,11 +256,8 @@ impl Register {
             && let Some(handle) = member.kept()
         {
             self.reaped.push_back(Reaped {
-                resident: None,
-                of: None,
-                ended_for_overrun: false,
-                error: None,
                 forgotten: Some(handle.clone()),
+                ..Reaped::default()
             });
         }
     }
@@ -260,7 +272,7 @@ impl Register {
         self.members.get(id).map(|member| member.handle(id))
     }
 
-    pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
+    pub(crate) fn name(&self, id: ProcessId) -> Option<&str> {
         self.members.get(id).map(|member| &**member.name())
     }
 
@@ -302,26 +314,6 @@ impl Register {
         })
     }
 
-    /// The panic of the first-started process among those that panicked.
-    pub(super) fn first_panic(&self) -> Option<&Error> {
-        self.first_panic.as_ref().map(|(_, error)| error)
-    }
-
-    /// Notes a panic in the cleanup of the process at place `order` in the order of starts.
-    pub(super) fn note_cleanup(&mut self, order: u32, error: &Error) {
-        keep_first(&mut self.first_cleanup, order, error);
-    }
-
-    /// The panic of the first-started process among those that panicked in cleanup.
-    pub(super) fn first_cleanup(&self) -> Option<&Error> {
-        self.first_cleanup.as_ref().map(|(_, error)| error)
-    }
-
-    /// The error of the first-started process among those that failed.
-    pub(super) fn first_error(&self) -> Option<&Error> {
-        self.first_error.as_ref().map(|(_, error)| error)
-    }
-
     pub(super) fn reports(&self) -> Vec<ProcessReport> {
         let all = self.in_order().into_iter();
         all.map(|(_, member)| process_report(member)).collect()
@@ -349,12 +341,6 @@ impl Register {
             + self.reaped.len()
             + self.ended.len()
             + self.forgotten.len()
-    }
-}
-
-fn keep_first(first: &mut Found, order: u32, error: &Error) {
-    if first.as_ref().is_none_or(|(other, _)| order < *other) {
-        *first = Some((order, error.clone()));
     }
 }
 

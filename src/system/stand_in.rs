@@ -19,7 +19,9 @@ pub(crate) struct StandIns {
 pub(super) struct StandIn {
     ends: TypeId,
     type_name: &'static str,
-    prepare: Box<Prepare>,
+    /// Makes the process of the ends that were [declared](StandIns::declare). Calls what is the
+    /// user's.
+    pub(super) prepare: Box<Prepare>,
 }
 
 type Prepare = dyn FnOnce(Box<dyn Any>) -> Prepared<Box<dyn Start>> + Send;
@@ -108,13 +110,5 @@ impl StandIns {
             .iter()
             .filter(|(_, is_replaced)| **is_replaced);
         replaced.map(|(name, _)| name.clone()).collect()
-    }
-}
-
-impl StandIn {
-    /// Makes the process of the ends that were [declared](StandIns::declare). Calls what is the
-    /// user's.
-    pub(super) fn prepare<E: Send + 'static>(self, ends: E) -> Prepared<Box<dyn Start>> {
-        (self.prepare)(Box::new(ends))
     }
 }

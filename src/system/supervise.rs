@@ -11,7 +11,6 @@ use super::reaper::{Reaper, wait_until};
 use super::stolen::{Stolen, Window};
 use super::system_threads::SystemThreads;
 use super::warnings::{Warnings, announce_shortfalls};
-use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::parameters::FileWatch;
@@ -83,18 +82,16 @@ struct Begun {
 
 /// Releases the bodies.
 fn release(plan: &Plan, launched: &mut Launched, system_threads: &SystemThreads<'_>) -> Begun {
-    let Common {
-        scope, emergency, ..
-    } = &*launched.running.common;
+    let common = &launched.running.common;
     let begun = Begun {
-        at: scope.begin(),
+        at: common.scope.begin(),
         really_at: Instant::now(),
     };
     if let Some(simulation) = &launched.running.simulation {
         simulation.attend();
     }
     // If an emergency has run its functions before the start, the processes are not released.
-    if !emergency.has_begun() {
+    if !common.emergency.has_begun() {
         launched.safety.emergency.arm();
         for (_, executor) in &system_threads.executors {
             executor.release();
@@ -120,24 +117,10 @@ fn end(
     pending: &PendingErrors,
 ) -> Ended {
     let plan = system_threads.plan;
-    let Launched {
-        clock: clock_kind,
-        stamps,
-        running,
-        safety: safety_threads,
-        timers,
-        shortfalls,
-        recording,
-        ..
-    } = launched;
-    let Common {
-        scope,
-        emergency,
-        clock,
-        ..
-    } = &*running.common;
+    let (running, safety_threads) = (launched.running, launched.safety);
+    let (common, emergency) = (&running.common, &running.common.emergency);
     let standstill = running.standstill().filter(|_| !emergency.is_safe());
-    let elapsed = clock.now() - begun.at;
+    let elapsed = common.clock.now() - begun.at;
     let really_elapsed = Instant::now() - begun.really_at;
     // The processes that failed before time stood still. Errors that processes return while they
     // are being ended do not count.
@@ -148,10 +131,10 @@ fn end(
             errors: Some(pending),
         };
         reaper.reap();
-        plan.members().started.first_error().cloned()
+        plan.members().started.first_error.get().cloned()
     });
     // No callback is called any more; loops that have not ended yet take their own deadlines.
-    let (timers, callback_panic) = timers.map(ManagerThread::stop).unzip();
+    let (timers, callback_panic) = launched.timers.map(ManagerThread::stop).unzip();
     let reaper = Reaper {
         plan,
         running: &running,
@@ -160,7 +143,7 @@ fn end(
     let threads = system_threads.end(|deadline, done| wait_until(&reaper, deadline, done));
     reaper.reap();
     // A detached thread may have ended since.
-    plan.members().started.note_last_ends(&running.common);
+    plan.members().started.note_last_ends(common);
     reaper.reap();
     drop(safety_threads.parent);
     let signal = safety_threads
@@ -178,7 +161,7 @@ fn end(
     let was_emergency = emergency.is_safe();
     stolen.sample(|window| {
         // On virtual time each recording must be the same.
-        if scope.has_loops() && !clock_kind.is_virtual() {
+        if common.scope.has_loops() && !launched.clock.is_virtual() {
             report_stolen(&running, window);
         }
     });
@@ -196,16 +179,16 @@ fn end(
         not(feature = "logger"),
         expect(unused_variables, reason = "without the logger there is none")
     )]
-    let logging = recording.finish();
+    let logging = launched.recording.finish();
     Ended {
         report: Report {
             system: plan.name().to_owned(),
-            clock: clock_kind,
-            stamps: stamps.map(StampReport::new),
+            clock: launched.clock,
+            stamps: launched.stamps.map(StampReport::new),
             elapsed,
             really_elapsed,
             threads,
-            shortfalls,
+            shortfalls: launched.shortfalls,
             deadlock,
             timers,
             safety,
@@ -240,12 +223,8 @@ fn watch(
 ) -> Option<Deadlock> {
     let plan = system_threads.plan;
     let running = &launched.running;
-    let Common {
-        scope,
-        emergency,
-        registry,
-        ..
-    } = &*running.common;
+    let common = &running.common;
+    let (emergency, registry) = (&common.emergency, &common.registry);
     let mut lookout = Lookout::new();
     let mut warnings = Warnings::default();
     let mut look_again = Instant::NEVER;
@@ -291,7 +270,7 @@ fn watch(
             notice!("{line}");
         }
         // Time that a hypervisor takes makes no loop late where time stands meanwhile.
-        let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
+        let next_sample = if common.scope.has_loops() && !launched.clock.is_virtual() {
             stolen.sample_if_due(|window| report_stolen(running, window))
         } else {
             Instant::NEVER

@@ -49,35 +49,28 @@ impl SystemThreads<'_> {
         }
         let deadline = Instant::now() + GRACE;
         let mut reports = Vec::new();
-        // Each stays here until it has ended: should `wait` panic, it is still known.
-        while let Some((name, executor)) = self.executors.front() {
-            let ended = wait(deadline, &|| executor.has_stopped());
-            let time = executor.processor_time();
-            reports.push(thread_report(name, executor.obtained(), time, !ended));
-            if let Some((_, executor)) = self.executors.pop_front() {
-                if ended {
-                    executor.stop();
-                } else {
-                    // Set first: if anything panics from here on, what the threads' bodies refer to
-                    // stays.
-                    self.has_left_behind = true;
-                    executor.abandon();
+        // Each stays in its list until it has ended: should `wait` panic, it is still known. What is
+        // left behind is set first: if anything panics from there on, what the threads' bodies refer
+        // to stays.
+        macro_rules! end_all {
+            ($threads:expr, $stop:expr) => {
+                while let Some((name, thread)) = $threads.front() {
+                    let ended = wait(deadline, &|| thread.has_stopped());
+                    let time = thread.processor_time();
+                    reports.push(thread_report(name, thread.obtained(), time, !ended));
+                    match $threads.pop_front() {
+                        Some((_, thread)) if ended => $stop(thread),
+                        Some((_, thread)) => {
+                            self.has_left_behind = true;
+                            thread.abandon();
+                        }
+                        None => {}
+                    }
                 }
-            }
+            };
         }
-        while let Some((name, thread)) = self.threads.front() {
-            let ended = wait(deadline, &|| thread.has_stopped());
-            let time = thread.processor_time();
-            reports.push(thread_report(name, thread.obtained(), time, !ended));
-            if let Some((_, thread)) = self.threads.pop_front() {
-                if ended {
-                    drop(thread);
-                } else {
-                    self.has_left_behind = true;
-                    thread.abandon();
-                }
-            }
-        }
+        end_all!(self.executors, Executor::stop);
+        end_all!(self.threads, drop);
         for report in reports.iter().filter(|report| report.abandoned) {
             notice!(
                 "luna: `{}` did not end within {GRACE:?} and is left to itself",

@@ -49,10 +49,7 @@ impl Note {
             };
             (code, nanos(turns.held))
         });
-        let queued = self
-            .usage
-            .as_ref()
-            .and_then(|usage| usage.queued_since(self.slot));
+        let queued = self.usage.and_then(|usage| usage.queued_since(self.slot));
         let causes = [
             (late::LOOP_ITSELF, self.own_overrun),
             other,

@@ -129,11 +129,10 @@ impl LateCycle {
             };
             (kind(ran.process.clone()), ran.took)
         });
-        let queued = self.usage.as_ref();
-        let queued = queued.and_then(|usage| usage.queued_since(self.slot));
+        let queued = self.usage.and_then(|usage| usage.queued_since(self.slot));
         let queued = queued.map(|queued| (LateCauseKind::OtherThread, queued));
-        let stolen = self.stolen;
-        let stolen = stolen.map(|stolen| (LateCauseKind::Hypervisor, stolen.at_least));
+        let stolen = self.stolen.map(|stolen| stolen.at_least);
+        let stolen = stolen.map(|stolen| (LateCauseKind::Hypervisor, stolen));
         let all = [own, ran, queued, stolen].into_iter().flatten();
         let mut named: Vec<_> = all
             .filter_map(|(kind, explains)| {

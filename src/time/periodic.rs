@@ -153,10 +153,7 @@ fn make(name: &str, period: Duration) -> Result<Periodic> {
     let statistics = scope.enroll(name, period)?;
     let now = Instant::now();
     // With a manager all loops of a period are in phase.
-    let origin = match scope.manager() {
-        Some(manager) => manager.slot_before(now, length),
-        None => now,
-    };
+    let origin = scope.origin(now, length);
     let prepared = Scope::is_preparing().then(|| match scope.has_begun() {
         false => Prepared::AtStart,
         true => Prepared::AtFirstCycle,

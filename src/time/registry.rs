@@ -140,6 +140,12 @@ impl Scope {
         self.manager.as_ref()
     }
 
+    /// Where the grid of a loop lies that begins at `now`.
+    pub(crate) fn origin(&self, now: Instant, period: u64) -> Instant {
+        let manager = self.manager.as_ref();
+        manager.map_or(now, |manager| manager.slot_before(now, period))
+    }
+
     /// The parameters that a loop of the current process reads at each cycle's begin, if the
     /// process has any.
     pub(crate) fn parameters(&self) -> Option<Arc<Reader>> {
@@ -162,18 +168,9 @@ impl Scope {
         SCOPE.set(Some(self.clone()));
     }
 
-    /// Makes this the scope of the calling thread until the guard is dropped.
-    pub(crate) fn enter_until_dropped(self: Arc<Self>) -> Entered {
-        self.enter(false)
-    }
-
-    /// As [`enter_until_dropped`](Self::enter_until_dropped), for a `pre_run`: the process that
-    /// owns the loops made there is known only when they begin.
-    pub(crate) fn enter_to_prepare(self: Arc<Self>) -> Entered {
-        self.enter(true)
-    }
-
-    fn enter(self: Arc<Self>, is_preparing: bool) -> Entered {
+    /// Makes this the scope of the calling thread until the guard is dropped. In a `pre_run`, when
+    /// it `is_preparing`, the process that owns the loops made there is known only when they begin.
+    pub(crate) fn enter_until_dropped(self: Arc<Self>, is_preparing: bool) -> Entered {
         Entered {
             before: SCOPE.replace(Some(self)),
             was_preparing: IS_PREPARING.replace(is_preparing),

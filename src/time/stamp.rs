@@ -89,12 +89,6 @@ pub enum StampError {
     Refused(io::Error),
 }
 
-impl From<StampError> for crate::Error {
-    fn from(error: StampError) -> Self {
-        crate::Error::other(error)
-    }
-}
-
 /// Whether TAI can be trusted in this state of the machine.
 fn judged(state: &Synchronization) -> Result<(), StampError> {
     if !state.is_synchronized {

@@ -39,15 +39,7 @@ impl Store {
                 parameter: parameter(),
             });
         }
-        self.enter(declared, process.get(), process_name)
-    }
-
-    fn enter(
-        &self,
-        declared: Declared,
-        process: u32,
-        process_name: &str,
-    ) -> Result<Arc<Cells>, DeclareError> {
+        let process = process.get();
         let mut state = self.state();
         self.sweep(&mut state);
         let name = declared.name.clone();

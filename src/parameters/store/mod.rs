@@ -11,6 +11,7 @@ use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
 use super::watch::{self, Stamp};
+use crate::file::of_environment;
 use crate::log::{Level, Log, message};
 use crate::parameters::handle::Info;
 use crate::system::Phase;
@@ -51,6 +52,7 @@ struct State {
 }
 
 /// What a parameter is declared as.
+#[derive(Clone)]
 pub(super) struct Declared {
     pub(super) name: Arc<str>,
     pub(super) unit: String,
@@ -141,7 +143,7 @@ impl Store {
         let state = self.state();
         let file = state.file.clone();
         let given = state.given.clone();
-        (file.or_else(sources::file_of_environment), given)
+        (file.or_else(|| of_environment(sources::FILE)), given)
     }
 
     /// Reads what the parameters of a system that starts are to be. Gives that, as a recording is
@@ -238,12 +240,7 @@ impl Store {
             .enumerate()
             .map(|(number, entry)| {
                 let groups = || state.groups.iter().filter(move |group| group.has(number));
-                let Entry {
-                    declared,
-                    words,
-                    set,
-                    ..
-                } = entry;
+                let declared = &entry.declared;
                 let (least, most) = declared.form.range.clone().unzip();
                 Info {
                     name: declared.name.to_string(),
@@ -254,12 +251,12 @@ impl Store {
                     least,
                     most,
                     default: declared.form.unpack(&declared.default),
-                    value: declared.form.unpack(words),
-                    set: *set,
+                    value: declared.form.unpack(&entry.words),
+                    set: entry.set,
                     processes: groups()
                         .map(|group| group.reader.name.to_string())
                         .collect(),
-                    taken: groups().all(|group| group.has_taken(*set)),
+                    taken: groups().all(|group| group.has_taken(entry.set)),
                 }
             })
             .collect();

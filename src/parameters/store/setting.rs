@@ -5,14 +5,12 @@ use crate::parameters::error::{Refusal, SetError, Source};
 use crate::parameters::sources::{self, Given, merge};
 use luna_core::current;
 use std::collections::{BTreeMap, HashMap};
-use std::path::PathBuf;
 
 impl Store {
     /// Reads the file again: the values are what a start would make them.
     pub(in crate::parameters) fn reload(&self) -> Result<u64, SetError> {
         note_outside("Parameters::reload");
-        let (file, given) = self.readable()?;
-        self.take_file(sources::read(&file)?, given)
+        self.reload_if(|| true)
     }
 
     /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read;
@@ -20,27 +18,18 @@ impl Store {
     pub(in crate::parameters) fn reload_if(
         &self,
         is_whole: impl FnOnce() -> bool,
-    ) -> Result<(), SetError> {
-        let (file, given) = self.readable()?;
-        let read = sources::read(&file);
-        if is_whole() {
-            self.take_file(read?, given)?;
-        }
-        Ok(())
-    }
-
-    /// The file that is to be read again, and the sources that override it.
-    fn readable(&self) -> Result<(PathBuf, Vec<Given>), SetError> {
+    ) -> Result<u64, SetError> {
         let (file, given) = self.sources();
         let file = file.ok_or(SetError::NoFile)?;
         self.is_running(&self.state())?;
-        Ok((file, given))
-    }
-
-    fn take_file(&self, file: Vec<Given>, given: Vec<Given>) -> Result<u64, SetError> {
+        let read = sources::read(&file);
+        if !is_whole() {
+            return Ok(self.state().sets);
+        }
+        let read = read?;
         let environment = sources::values_of_environment()?;
         let mut refused = Vec::new();
-        let wishes = merge([file, environment, given], &mut refused);
+        let wishes = merge([read, environment, given], &mut refused);
         self.replace(wishes.into_values(), refused, true)
     }
 

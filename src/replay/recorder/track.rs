@@ -1,7 +1,7 @@
 //! What one process leaves in a recording.
 
 use super::Recorder;
-use crate::replay::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
+use crate::replay::event::{CUT, CUT_WITHIN, ENDED, Head, zigzag};
 use luna_core::byte_ring::ByteRing;
 use luna_core::current;
 use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
@@ -169,7 +169,7 @@ impl ReplayLog for Track {
         if event.what == What::Done && event.stamp == 0 && !branch_log.is_call.get() {
             return;
         }
-        let mut head = Self::head(branch_log, code_of(event.what));
+        let mut head = Self::head(branch_log, event.what as u8);
         match event.what {
             What::Done => head.number(event.stamp),
             What::Failed => head.number(event.number),
@@ -217,7 +217,7 @@ impl ReplayLog for Track {
             self.begin(branch_log, true);
         }
         branch_log.runs.set(false);
-        let mut head = Self::head(branch_log, code_about(about));
+        let mut head = Self::head(branch_log, about as u8);
         head.number(u64::from(name));
         head.number(bytes.len() as u64);
         self.ring.put(head.get(), bytes);

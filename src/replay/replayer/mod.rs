@@ -28,6 +28,7 @@ type Queues = BTreeMap<u32, VecDeque<Noted>>;
 type Key = (u32, String, u32);
 
 /// What replays a system.
+#[derive(Default)]
 pub(crate) struct Replayer {
     system: String,
     parameters: Vec<(String, String)>,
@@ -61,11 +62,7 @@ impl Replayer {
             parameters: recording.parameters.clone(),
             is_whole: recording.is_whole,
             processes: Mutex::new(processes),
-            names: Mutex::default(),
-            first: Mutex::default(),
-            differs: AtomicBool::new(false),
-            is_over: AtomicBool::new(false),
-            replayed: AtomicU64::new(0),
+            ..Self::default()
         })
     }
 

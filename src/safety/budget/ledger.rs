@@ -4,7 +4,7 @@
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, OnOverrun};
 use crate::error::Error;
 use crate::safety::{Cause, Emergency};
-use crate::time::{Accounting, LoopName, UsageSince};
+use crate::time::{Accounting, LoopName};
 use luna_executors::{PollMonitor, ProcessRegistry, Verdict};
 use luna_platform::clock::{Instant, nanos};
 use luna_platform::lock::PiLock;
@@ -37,18 +37,11 @@ struct Books {
     is_unsaid: bool,
 }
 
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 struct Overruns {
     count: u64,
-    worst: Option<Worst>,
-}
-
-#[derive(Clone, Copy)]
-struct Worst {
-    at: Instant,
-    taken: Duration,
-    of_loop: Option<LoopName>,
-    usage: Option<UsageSince>,
+    /// With its loop's name apart, which is in place.
+    worst: Option<(BudgetOverrun, Option<LoopName>)>,
 }
 
 impl Ledger {
@@ -109,13 +102,15 @@ impl Ledger {
             BudgetKind::Cycle => &mut books.cycle,
         };
         overruns.count += 1;
-        if overruns.worst.is_none_or(|worst| worst.taken < taken) {
-            overruns.worst = Some(Worst {
+        let worst = overruns.worst.as_ref();
+        if worst.is_none_or(|(worst, _)| worst.taken < taken) {
+            let worst = BudgetOverrun {
                 at: began,
                 taken,
-                of_loop,
+                of_loop: None,
                 usage,
-            });
+            };
+            overruns.worst = Some((worst, of_loop));
         }
         let ends = matches!(self.on_overrun(), OnOverrun::Poison | OnOverrun::Emergency);
         let is_first = ends && books.offence.is_none();
@@ -170,7 +165,7 @@ impl Ledger {
     pub(crate) fn reports(&self) -> Vec<BudgetReport> {
         let (poll, cycle) = {
             let books = self.books.lock();
-            (books.poll, books.cycle)
+            (books.poll.clone(), books.cycle.clone())
         };
         let kinds = [
             (BudgetKind::Poll, self.budgets.poll, poll),
@@ -184,11 +179,9 @@ impl Ledger {
                     budget: budget?,
                     on_overrun: self.on_overrun(),
                     overruns: overruns.count,
-                    worst: overruns.worst.map(|worst| BudgetOverrun {
-                        at: worst.at,
-                        taken: worst.taken,
-                        of_loop: worst.of_loop.map(|name| name.as_str().to_owned()),
-                        usage: worst.usage,
+                    worst: overruns.worst.map(|(worst, of_loop)| BudgetOverrun {
+                        of_loop: of_loop.map(|name| name.to_string()),
+                        ..worst
                     }),
                 })
             })

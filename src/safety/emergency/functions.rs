@@ -24,7 +24,7 @@ const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 
 /// The outcome of one function: in
 /// [`SafetyReport::functions`](crate::report::SafetyReport::functions).
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct FunctionReport {
     /// Its name.
@@ -141,9 +141,7 @@ impl Functions {
             report: FunctionReport {
                 name: name.to_owned(),
                 limit,
-                outcome: FunctionOutcome::NotRun,
-                began_after: None,
-                took: None,
+                ..FunctionReport::default()
             },
             run: Some(run),
             is_withdrawn: false,

@@ -252,7 +252,8 @@ impl Emergency {
     }
 
     pub(crate) fn name_of(&self, process: ProcessId) -> Option<String> {
-        self.plan.upgrade()?.process_name(process)
+        let plan = self.plan.upgrade()?;
+        plan.members().started.name(process).map(str::to_owned)
     }
 
     /// The system's clock.

@@ -74,7 +74,7 @@ fn leave(emergency: &Emergency) {
 #[test]
 fn one_that_finds_it_left_again_waits_for_the_next_one_and_is_not_woken_by_this() {
     let emergency = Emergency::new(Weak::new());
-    let wait = SafeStateEntered::new(emergency.clone());
+    let wait = SafeStateEntered::new(emergency.clone(), false);
     let waits = Waits::new(&emergency, wait, leave);
     enter(&emergency);
     assert_eq!(waits.counts(), (1, 0));
@@ -88,7 +88,7 @@ fn one_that_finds_it_left_again_waits_for_the_next_one_and_is_not_woken_by_this(
 #[test]
 fn one_that_waits_for_an_edge_is_told_once_and_waits_on_in_the_safe_state() {
     let emergency = Emergency::new(Weak::new());
-    let wait = SafeStateEntered::edge(emergency.clone());
+    let wait = SafeStateEntered::new(emergency.clone(), true);
     let waits = Waits::new(&emergency, wait, |_| {});
     for round in 1..=3 {
         enter(&emergency);
@@ -112,7 +112,7 @@ fn whichever_enters_it_anew_wakes_those_too_that_were_not_yet() {
             enter(emergency);
         }
     };
-    let wait = || SafeStateEntered::new(emergency.clone());
+    let wait = || SafeStateEntered::new(emergency.clone(), false);
     let first = Waits::new(&emergency, wait(), again);
     let others: [_; 3] = std::array::from_fn(|_| Waits::new(&emergency, wait(), |_| {}));
     enter(&emergency);

@@ -1,6 +1,6 @@
 //! What a system asks of the machine.
 
-use super::super::plan::{ExecutorPlan, Placement, ProcessPlan, Settings};
+use super::super::plan::{Placement, ProcessPlan, Settings};
 use crate::error::{Result, SetupError};
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
@@ -24,19 +24,18 @@ impl Needs {
     pub(super) fn of(
         settings: &Settings,
         is_virtual: bool,
-        executors: &[ExecutorPlan],
+        executors: &[Attributes],
         processes: &[ProcessPlan],
     ) -> Needs {
         let threads = processes.iter().filter_map(|process| match &process.place {
             Placement::Thread(attributes) => Some(&**attributes),
             Placement::Executor(_) => None,
         });
-        let executors = executors.iter().map(|executor| &executor.attributes);
         // On a clock of its own nothing has to come in time, so nothing is asked of the machine for
         // that.
         let is_real_time = |one: &&Attributes| !is_virtual && one.asked_policy().is_real_time();
         let (mut real_time, mut cores) = (false, Vec::new());
-        for attributes in executors.chain(threads).filter(is_real_time) {
+        for attributes in executors.iter().chain(threads).filter(is_real_time) {
             real_time = true;
             cores.extend(attributes.asked_core().filter(|core| !cores.contains(core)));
         }

@@ -1,7 +1,9 @@
 //! The start of the processes: every `pre_run`, and then all of them held.
 
 use super::super::neighbours;
-use super::super::plan::{Member, NamedThread, NotStarted, Plan, ProcessPlan, Running, Started};
+use super::super::plan::{
+    Member, NamedThread, NotStarted, Placement, Plan, ProcessPlan, Running, Started,
+};
 use crate::csp::composition::ThreadPart;
 use crate::csp::process::{clean_up, prepare};
 use crate::error::{Error, Result};
@@ -66,7 +68,7 @@ pub(super) fn start_processes(
 /// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
 fn pre_run_all(running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
     // Loops that are made there are the system's.
-    let _scope = running.common.scope.clone().enter_to_prepare();
+    let _scope = running.common.scope.clone().enter_until_dropped(true);
     for index in 0..processes.len() {
         let process = &mut processes[index];
         let Some(resident) = &mut process.prepared.resident else {
@@ -105,8 +107,10 @@ impl Held {
     ) -> Result<()> {
         let mut prepared = prepared.into_iter();
         while let Some(mut process) = prepared.next() {
-            if running.simulation.is_none() {
-                neighbours::join(&mut process, &running.executors, places, &self.threads);
+            if let Placement::Thread(attributes) = &mut process.place
+                && running.simulation.is_none()
+            {
+                neighbours::join(attributes, &running.executors, places, &self.threads);
             }
             let id = process.id();
             match running.start(process) {

@@ -34,7 +34,7 @@ impl Drop for Reservation<'_> {
 impl Plan {
     /// Takes the name of a process that has no body yet.
     pub(crate) fn reserve<'a>(&'a self, name: &Name) -> Result<Reservation<'a>> {
-        drop(self.admit(Ok(name))?);
+        drop(self.admit(name, false)?);
         Ok(Reservation {
             plan: self,
             name: Some(name.clone()),
@@ -61,7 +61,7 @@ impl Plan {
     /// the user's, and those that have ended meanwhile. Gives whether they run, too.
     pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<(ProcessId, bool)> {
         let id = plan.id();
-        let members = self.admit(plan.own_name())?;
+        let members = self.admit(plan.name(), plan.shares_name)?;
         let runs = members.running.is_some();
         self.add_admitted(members, plan, false)?;
         Ok((id, runs))
@@ -69,10 +69,10 @@ impl Plan {
 
     /// As [`add_process`](Self::add_process), to a system that runs.
     pub(crate) fn start_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessHandle> {
-        let mut members = self.admit(plan.own_name())?;
+        let mut members = self.admit(plan.name(), plan.shares_name)?;
         if members.running.is_none() {
-            if let Ok(name) = plan.own_name() {
-                members.started.give_name_back(name);
+            if !plan.shares_name {
+                members.started.give_name_back(plan.name());
             }
             drop(members);
             self.note_refusal();
@@ -122,21 +122,18 @@ impl Plan {
         Ok(handle)
     }
 
-    /// Takes the `name` of a process to be, if it has one of its own, and if there can be one.
-    fn admit(&self, name: Result<&Name, &Name>) -> Result<MutexGuard<'_, Members>> {
+    /// Takes the `name` of a process to be, unless it shares one, if there can be one.
+    fn admit(&self, name: &Name, shares_name: bool) -> Result<MutexGuard<'_, Members>> {
         let mut guard = self.members();
         let members = &mut *guard;
         if members.phase == Phase::Ended {
-            let (Ok(name) | Err(name)) = name;
             drop(guard);
             return Err(self.ended(name));
         }
         if let Some(running) = &members.running {
             members.started.note_ends(&running.common);
         }
-        if let Ok(name) = name
-            && !members.started.take_name(name)
-        {
+        if !shares_name && !members.started.take_name(name) {
             // The process that had it may have ended, and others may know that, though its executor
             // has not reported it yet.
             if let Some(running) = &members.running {
@@ -190,7 +187,7 @@ impl Plan {
         let _clock = running.common.clock.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
-            let _scope = running.common.scope.clone().enter_to_prepare();
+            let _scope = running.common.scope.clone().enter_until_dropped(true);
             let log = running.common.log.enter();
             prepare(&mut **resident).map_err(|error| error.in_process(name))?;
             drop(log);
@@ -202,9 +199,13 @@ impl Plan {
             return Err(self.ended(name));
         }
         let on_thread = matches!(plan.place, Placement::Thread(_));
-        if on_thread && running.simulation.is_none() {
-            let places = &members.places;
-            neighbours::join(&mut plan, &running.executors, places, &members.threads);
+        if let Placement::Thread(attributes) = &mut plan.place
+            && running.simulation.is_none()
+        {
+            let Members {
+                places, threads, ..
+            } = &*members;
+            neighbours::join(attributes, &running.executors, places, threads);
         }
         // For an executor the lock is kept from the look at the phase until it is entered: the end
         // cannot come in between. No user code runs there.
@@ -216,7 +217,8 @@ impl Plan {
             Err(refused) => {
                 drop(members);
                 self.never_entered(running, id);
-                return Err(refused.clean_up());
+                clean_up(refused.resident);
+                return Err(refused.error);
             }
         };
         // A thread is held until the system is known to run still.
@@ -229,7 +231,9 @@ impl Plan {
             return Err(self.ended(name));
         }
         let handle = member.handle(id);
-        members.enter_late(id, member, running);
+        member.set_late();
+        let emergency = &running.common.emergency;
+        members.started.enter(id, member, emergency);
         match started {
             Started::OnExecutor(announced) => drop(announced.start_under(members)),
             Started::OnThread(thread) => {

@@ -1,6 +1,5 @@
 //! What is to be: executors and processes, as they were described.
 
-use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Build, Prepared, Start};
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
@@ -14,19 +13,6 @@ pub(crate) enum Placement {
     Executor(usize),
     /// A thread of its own.
     Thread(Box<Attributes>),
-}
-
-/// An executor to be.
-pub(crate) struct ExecutorPlan {
-    pub(crate) name: String,
-    pub(crate) attributes: Attributes,
-}
-
-impl ExecutorPlan {
-    /// It as a part of the system, as requested.
-    pub(crate) fn part(&self) -> ThreadPart {
-        ThreadPart::asked(&self.name, ThreadKind::Executor, &self.attributes)
-    }
 }
 
 /// A described process; `B` makes its body.
@@ -57,14 +43,6 @@ impl<B> ProcessPlan<B> {
             shares_name: self.shares_name,
             ledger: self.ledger,
             prepared: other(self.prepared),
-        }
-    }
-
-    /// Its name, if it is to be its own; else the name as an error.
-    pub(super) fn own_name(&self) -> Result<&Name, &Name> {
-        match self.shares_name {
-            false => Ok(self.name()),
-            true => Err(self.name()),
         }
     }
 }

@@ -4,7 +4,7 @@ mod admission;
 mod described;
 mod running;
 
-pub(crate) use described::{ExecutorPlan, Placement, ProcessPlan};
+pub(crate) use described::{Placement, ProcessPlan};
 pub(crate) use running::{Member, NamedThread, NotStarted, On, Running, Started};
 
 use super::clock::ClockPlan;
@@ -14,6 +14,7 @@ use crate::csp::composition::ThreadPart;
 use crate::csp::tree::Tree;
 use crate::deployment::{self, Deployment};
 use crate::error::{Error, Result, SetupError};
+use crate::file;
 use crate::log::{Asked, Log};
 use crate::notice::notice;
 use crate::parameters::Store;
@@ -21,8 +22,7 @@ use crate::replay::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
 use crate::time::{Manager, StampState};
-use luna_core::current::ProcessId;
-use luna_executors::ProcessHandle;
+use luna_platform::thread::Attributes;
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
 use std::path::Path;
@@ -88,7 +88,7 @@ pub(crate) struct Settings {
 #[derive(Default)]
 pub(crate) struct Members {
     pub(crate) phase: Phase,
-    pub(crate) executors: Vec<ExecutorPlan>,
+    pub(crate) executors: Vec<Attributes>,
     /// The executors that were started, as parts of the system.
     pub(crate) places: Vec<ThreadPart>,
     pub(crate) waiting: Vec<ProcessPlan>,
@@ -111,14 +111,8 @@ pub(crate) enum Phase {
 }
 
 impl Members {
-    /// Enters a process that starts while the system runs.
-    fn enter_late(&mut self, id: ProcessId, mut member: Member, running: &Running) {
-        member.set_late();
-        self.started.enter(id, member, &running.common.emergency);
-    }
-
     /// Takes the name of an executor or a thread.
-    fn take_thread_name(&mut self, name: &str) -> Result<()> {
+    pub(crate) fn take_thread_name(&mut self, name: &str) -> Result<()> {
         if !self.thread_names.insert(name.to_owned()) {
             return Err(duplicate("executor", name));
         }
@@ -236,7 +230,7 @@ impl Plan {
     /// of the environment.
     pub(crate) fn begin_deployment(&self) -> Result<Option<&Deployment>> {
         if self.deployment.get().is_none() {
-            let file = deployment::file_of_environment();
+            let file = file::of_environment(deployment::VARIABLE);
             let read = file.map(|path| Deployment::read(&path, Some(&self.name)));
             let read = read.transpose()?;
             // Another thread that came first has read the same.
@@ -271,7 +265,7 @@ impl Plan {
     }
 
     /// Adds an executor; gives its number.
-    pub(crate) fn add_executor(&self, executor: ExecutorPlan) -> Result<usize> {
+    pub(crate) fn add_executor(&self, executor: Attributes) -> Result<usize> {
         let mut members = self.members();
         if members.phase != Phase::Described {
             return Err(SetupError::AlreadyRun {
@@ -279,17 +273,12 @@ impl Plan {
             }
             .into());
         }
-        members.take_thread_name(&executor.name)?;
+        members.take_thread_name(executor.name())?;
         if let Some(deployment) = self.deployment() {
-            deployment.enter_executor(&executor.name);
+            deployment.enter_executor(executor.name());
         }
         members.executors.push(executor);
         Ok(members.executors.len() - 1)
-    }
-
-    /// Takes the name of an OS thread, which executors share.
-    pub(crate) fn take_thread_name(&self, name: &str) -> Result<()> {
-        self.members().take_thread_name(name)
     }
 
     fn ended(&self, process: &str) -> Error {
@@ -298,14 +287,5 @@ impl Plan {
             process: process.to_owned(),
         }
         .into()
-    }
-
-    /// The name of a process that was started and is remembered.
-    pub(crate) fn process_name(&self, id: ProcessId) -> Option<String> {
-        self.members().started.name(id).map(str::to_owned)
-    }
-
-    pub(crate) fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members().started.handle(id)
     }
 }

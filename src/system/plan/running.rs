@@ -2,7 +2,7 @@
 
 use super::described::{Placement, ProcessPlan};
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{Common, Frame, Phases, Prepared, clean_up};
+use crate::csp::process::{Common, Frame, Phases};
 use crate::error::Error;
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
@@ -30,14 +30,6 @@ pub(crate) type NamedThread = (String, OsThread);
 pub(crate) struct NotStarted {
     pub(crate) error: Error,
     pub(crate) resident: Option<Box<dyn Phases>>,
-}
-
-impl NotStarted {
-    /// Cleans up what is left of it.
-    pub(super) fn clean_up(self) -> Error {
-        clean_up(self.resident);
-        self.error
-    }
 }
 
 /// What comes of a process that is started.
@@ -97,18 +89,9 @@ impl Running {
     /// Starts a prepared process: on a thread, which is held; on an executor once it is handed
     /// over.
     pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Started), NotStarted> {
-        let ProcessPlan {
-            place,
-            spec,
-            shares_name,
-            ledger,
-            prepared:
-                Prepared {
-                    resident,
-                    build: starter,
-                },
-        } = plan;
-        let attributes = match place {
+        let (spec, ledger, shares_name) = (plan.spec, plan.ledger, plan.shares_name);
+        let (resident, starter) = (plan.prepared.resident, plan.prepared.build);
+        let attributes = match plan.place {
             Placement::Executor(number) => {
                 let announce = |executor: &_, spec, frame| starter.announce(executor, spec, frame);
                 let (mut member, announced) =

@@ -39,6 +39,7 @@ pub(super) enum Wish {
     At(Instant),
 }
 
+#[derive(Default)]
 pub(super) struct Callbacks {
     table: PiLock<Table>,
 }
@@ -108,12 +109,6 @@ impl Entry {
 }
 
 impl Callbacks {
-    pub(super) fn new() -> Self {
-        Self {
-            table: PiLock::new(Table::default()),
-        }
-    }
-
     /// From now on there is room for `most` callbacks, or for the existing ones if they are more.
     /// Allocates.
     pub(super) fn close_room(&self, most: usize) {

@@ -37,7 +37,6 @@ use luna_platform::clock::Instant;
 use luna_platform::sync::Arc as QueueArc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
 
 /// What wakes the loops of a system at their slots. Set by
 /// [`System::timers`](crate::System::timers); the loops' code is the same.
@@ -68,6 +67,7 @@ pub enum Timers {
 pub(crate) const MAX_CALLBACKS: usize = 64;
 
 /// What loops, callbacks' handles and the thread share.
+#[derive(Default)]
 pub(crate) struct Manager {
     callbacks: Callbacks,
     /// There from the launch on.
@@ -88,22 +88,9 @@ impl Engine {
     fn note_lateness(&self, nanos: u64) {
         self.latest.fetch_max(nanos, Ordering::Relaxed);
     }
-
-    fn latest(&self) -> Duration {
-        Duration::from_nanos(self.latest.load(Ordering::Relaxed))
-    }
 }
 
 impl Manager {
-    /// As it is while the system is described.
-    pub(crate) fn new() -> Arc<Self> {
-        Arc::new(Self {
-            callbacks: Callbacks::new(),
-            engine: OnceLock::new(),
-            start: AtomicU64::new(0),
-        })
-    }
-
     /// Makes the kernel's timer, and room for `most` callbacks.
     pub(crate) fn prepare(&self, most: usize) -> Result<(), SetupError> {
         let alarm = Arc::new(Alarm::new()?);

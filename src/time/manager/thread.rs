@@ -80,7 +80,9 @@ impl ManagerThread {
         let engine = shared.manager.engine.get();
         let report = TimersReport {
             policy: policy.unwrap_or_default(),
-            latest: engine.map_or(Duration::ZERO, Engine::latest),
+            latest: engine.map_or(Duration::ZERO, |engine| {
+                Duration::from_nanos(engine.latest.load(Ordering::Relaxed))
+            }),
             woken: shared.woken.load(Ordering::Relaxed),
             callbacks,
             earlier_callbacks,

@@ -196,16 +196,11 @@ impl Periodic {
         if is_late && events::is_on() {
             statistics.late.report(statistics.number, target, now);
         }
-        statistics.report.missed += skipped;
-        statistics
-            .report
-            .wake_latency
-            .record(now.nanos_since(target));
+        let report = &mut statistics.report;
+        report.missed += skipped;
+        report.wake_latency.record(now.nanos_since(target));
         if let Some(previous) = previous {
-            statistics
-                .report
-                .cycle_time
-                .record(now.nanos_since(previous));
+            report.cycle_time.record(now.nanos_since(previous));
         }
         Cycle {
             number,
@@ -224,10 +219,7 @@ impl Periodic {
             Some(Prepared::AtStart) => self.scope.start(),
             _ => now,
         };
-        let origin = match self.scope.manager() {
-            Some(manager) => manager.slot_before(begins, self.period),
-            None => begins,
-        };
+        let origin = self.scope.origin(begins, self.period);
         self.grid = Grid::new(origin, self.period);
         self.grid.shift_behind(self.number, self.trim.nanos());
         self.parameters = self.scope.parameters();
