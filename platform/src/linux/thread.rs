@@ -16,7 +16,6 @@ use nix::unistd::{Pid, getpid, gettid};
 use std::ffi::CString;
 use std::fs;
 use std::sync::OnceLock;
-use std::time::Duration;
 
 /// The calling thread, for calls that take a thread id.
 const MYSELF: Pid = Pid::from_raw(0);
@@ -137,13 +136,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     // Refused by no kernel since 2.6.28; without it, sleeps of ordinary threads end 50 µs later.
     let _ = prctl::set_timerslack(1);
 
-    let mut obtained = Obtained {
-        policy: Policy::Other,
-        core: None,
-        stack_size: attributes.stack_size,
-        spin_before_sleep: Duration::ZERO,
-        shortfalls: Vec::new(),
-    };
+    let mut obtained = Obtained::stack_of(attributes);
     match attributes.core.map(|core| (core, pin(core))) {
         Some((core, Ok(()))) => obtained.core = Some(core),
         Some((core, Err(why))) => {
@@ -158,13 +151,8 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     }
     // Last, since the pages above are better fetched as an ordinary thread.
     if let Err(why) = set_policy(attributes.policy) {
-        obtained.refused(
-            attributes.mode,
-            Shortfall::Policy {
-                asked: attributes.policy,
-                why,
-            },
-        )?;
+        let asked = attributes.policy;
+        obtained.refused(attributes.mode, Shortfall::Policy { asked, why })?;
         // From what it had before to none is always allowed.
         let _ = set_policy(Policy::Other);
     }
