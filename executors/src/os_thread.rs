@@ -14,7 +14,6 @@ use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError};
 use std::convert::Infallible;
-use std::fmt;
 use std::future::Future;
 use std::pin::{Pin, pin};
 use std::ptr;
@@ -290,10 +289,4 @@ impl OsThread {
     }
 }
 
-impl fmt::Debug for OsThread {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("OsThread")
-            .field("process", &self.process)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(OsThread, |thread| process: thread.process);

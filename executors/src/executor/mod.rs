@@ -28,7 +28,6 @@ use crate::process::{ExitValue, ProcessHandle, ProcessSpec};
 use crate::task::Unbuilt;
 use alloc::sync::Arc;
 use core::cell::Cell;
-use core::fmt;
 use core::future::Future;
 use core::sync::atomic::Ordering;
 use luna_core::{current, deferred_free};
@@ -126,10 +125,4 @@ impl ExecutorHandle {
     }
 }
 
-impl fmt::Debug for ExecutorHandle {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ExecutorHandle")
-            .field("executor_id", &self.shared.executor_id)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(ExecutorHandle, |handle| executor_id: handle.shared.executor_id);

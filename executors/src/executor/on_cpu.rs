@@ -4,7 +4,6 @@ use super::{ExecutorHandle, Serves, Shared, turns};
 use crate::process::{Enrolled, ProcessHandle, ProcessRegistry, ProcessSpec};
 use crate::quiescence::Quiescence;
 use alloc::sync::Arc;
-use core::fmt;
 use core::future::Future;
 use luna_core::deferred_free;
 use luna_platform::bare;
@@ -94,10 +93,4 @@ impl Drop for Executor {
     }
 }
 
-impl fmt::Debug for Executor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Executor")
-            .field("executor_id", &self.handle.shared.executor_id)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Executor, |executor| executor_id: executor.handle.shared.executor_id);

@@ -6,7 +6,6 @@ use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
 use alloc::sync::Arc;
 use core::convert::Infallible;
-use core::fmt;
 use core::future::Future;
 use core::sync::atomic::Ordering;
 use core::time::Duration;
@@ -215,16 +214,4 @@ impl Drop for Executor {
     }
 }
 
-impl fmt::Debug for Executor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Executor")
-            .field(
-                "thread",
-                &match &self.runs {
-                    Runs::OnThread(thread) => Some(thread.name()),
-                    Runs::OnStage | Runs::Nowhere => None,
-                },
-            )
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Executor, |executor| executor_id: executor.handle.shared.executor_id);

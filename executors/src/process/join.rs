@@ -4,7 +4,6 @@ use super::Exit;
 use super::record::Record;
 use alloc::vec::Vec;
 use core::cell::{Cell, UnsafeCell};
-use core::fmt;
 use core::future::Future;
 use core::marker::PhantomPinned;
 use core::pin::Pin;
@@ -153,10 +152,4 @@ pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
     }
 }
 
-impl fmt::Debug for Join<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Join")
-            .field("process", &self.record.name)
-            .finish()
-    }
-}
+luna_platform::debug_fields!(Join<'_>, |join| process: join.record.name);

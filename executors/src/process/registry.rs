@@ -7,7 +7,6 @@ use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::cell::Cell;
-use core::fmt;
 use core::ptr::{self, NonNull};
 use luna_core::current::ExecutorId;
 use luna_core::deferred_free::Retired;
@@ -539,10 +538,4 @@ impl Drop for Enrolled {
     }
 }
 
-impl fmt::Debug for ProcessRegistry {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ProcessRegistry")
-            .field("count", &self.count())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(ProcessRegistry, |registry| count: registry.count());

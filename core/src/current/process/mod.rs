@@ -15,7 +15,6 @@ use crate::current::run_queue::Link;
 use crate::events;
 use core::any::Any;
 use core::cell::{Cell, UnsafeCell};
-use core::fmt;
 use core::ops::Range;
 use core::ptr::{self, NonNull};
 use core::task::{Context, Waker};
@@ -451,11 +450,4 @@ impl Process {
     }
 }
 
-impl fmt::Debug for Process {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Process")
-            .field("id", &self.id)
-            .field("priority", &self.priority())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Process, |process| id: process.id, priority: process.priority());

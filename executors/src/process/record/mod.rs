@@ -13,7 +13,6 @@ use crate::process::registry::ProcessRegistry;
 use crate::process::{Name, ProcessSpec, ProcessState};
 use alloc::boxed::Box;
 use alloc::sync::Arc;
-use core::fmt;
 use core::ops::Range;
 use core::ptr::NonNull;
 pub(in crate::process) use end::Outcome;
@@ -101,11 +100,7 @@ impl Default for Timing {
     }
 }
 
-impl fmt::Debug for Timing {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Timing").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Timing, |timing| asked: timing.asked);
 
 impl Record {
     /// The record of a process that counts as living, with so many references, in memory that
@@ -424,13 +419,7 @@ impl Record {
     }
 }
 
-impl fmt::Debug for Record {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Process")
-            .field("name", &self.name)
-            .field("id", &self.id.get())
-            .field("level", &self.level())
-            .field("state", &self.state())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    Record,
+    |record| name: record.name, id: record.id.get(), level: record.level(), state: record.state()
+);
