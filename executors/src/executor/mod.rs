@@ -125,4 +125,21 @@ impl ExecutorHandle {
     }
 }
 
+impl Executor {
+    /// Spawns processes here, also when this `Executor` is elsewhere, or runs.
+    pub fn handle(&self) -> &ExecutorHandle {
+        &self.handle
+    }
+
+    /// As [`ExecutorHandle::spawn`].
+    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        self.handle.spawn(spec, build)
+    }
+}
+
+luna_platform::debug_fields!(Executor, |executor| executor_id: executor.handle.shared.executor_id);
 luna_platform::debug_fields!(ExecutorHandle, |handle| executor_id: handle.shared.executor_id);

@@ -1,10 +1,9 @@
 //! The executor without an operating system: on the CPU, in the context of the program.
 
 use super::{ExecutorHandle, Serves, Shared, turns};
-use crate::process::{Enrolled, ProcessHandle, ProcessRegistry, ProcessSpec};
+use crate::process::{Enrolled, ProcessRegistry};
 use crate::quiescence::Quiescence;
 use alloc::sync::Arc;
-use core::future::Future;
 use luna_core::deferred_free;
 use luna_platform::bare;
 
@@ -23,7 +22,7 @@ use luna_platform::bare;
 /// executor.run();
 /// ```
 pub struct Executor {
-    handle: ExecutorHandle,
+    pub(super) handle: ExecutorHandle,
     enrolled: Option<Enrolled>,
 }
 
@@ -46,20 +45,6 @@ impl Executor {
             handle: ExecutorHandle { shared },
             enrolled: Some(enrolled),
         }
-    }
-
-    /// Spawns processes here, also while it runs.
-    pub fn handle(&self) -> &ExecutorHandle {
-        &self.handle
-    }
-
-    /// As [`ExecutorHandle::spawn`].
-    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
-    where
-        B: FnOnce() -> F + Send + 'static,
-        F: Future<Output = ()> + 'static,
-    {
-        self.handle.spawn(spec, build)
     }
 
     /// Runs the processes until all have ended, or until [a stop was
@@ -92,5 +77,3 @@ impl Drop for Executor {
         }
     }
 }
-
-luna_platform::debug_fields!(Executor, |executor| executor_id: executor.handle.shared.executor_id);

@@ -1,12 +1,11 @@
 //! The executor on a thread of its own, or on that of a simulation.
 
 use super::{ExecutorHandle, Serves, Shared, turns};
-use crate::process::{ProcessHandle, ProcessRegistry, ProcessSpec};
+use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
 use alloc::sync::Arc;
 use core::convert::Infallible;
-use core::future::Future;
 use core::sync::atomic::Ordering;
 use core::time::Duration;
 use luna_core::deferred_free;
@@ -17,9 +16,10 @@ use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 /// within a level.
 ///
 /// It starts held: processes can be spawned and are built on its thread, and run only after
-/// [`release`](Self::release). Dropping it stops it. Example: [`ProcessHandle`].
+/// [`release`](Self::release). Dropping it stops it. Example:
+/// [`ProcessHandle`](crate::ProcessHandle).
 pub struct Executor {
-    handle: ExecutorHandle,
+    pub(super) handle: ExecutorHandle,
     runs: Runs,
 }
 
@@ -108,11 +108,6 @@ impl Executor {
         }
     }
 
-    /// Spawns processes here, also when this `Executor` is elsewhere.
-    pub fn handle(&self) -> &ExecutorHandle {
-        &self.handle
-    }
-
     /// What the thread got of the requested attributes; `None` on a simulation's thread.
     pub fn obtained(&self) -> Option<&Obtained> {
         match &self.runs {
@@ -126,15 +121,6 @@ impl Executor {
     /// thread.
     pub fn processor_time(&self) -> Option<Duration> {
         self.handle.shared.processor_time.get().copied()
-    }
-
-    /// As [`ExecutorHandle::spawn`].
-    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
-    where
-        B: FnOnce() -> F + Send + 'static,
-        F: Future<Output = ()> + 'static,
-    {
-        self.handle.spawn(spec, build)
     }
 
     /// Waits until all processes spawned so far are built. Not on the executor's own thread.
@@ -213,5 +199,3 @@ impl Drop for Executor {
         self.join();
     }
 }
-
-luna_platform::debug_fields!(Executor, |executor| executor_id: executor.handle.shared.executor_id);
