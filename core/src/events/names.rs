@@ -1,7 +1,7 @@
 //! Names, from the code that makes a named object to its listeners.
 
-use super::on::place;
 use super::ring::{Reader, Writer, ring_of};
+use super::thread::place;
 use super::{Kind, is_on};
 use crate::current;
 use alloc::sync::{Arc, Weak};
