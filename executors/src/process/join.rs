@@ -63,7 +63,7 @@ impl Future for Join<'_> {
     type Output = Exit;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Exit> {
-        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
+        let node = NonNull::from(&self.node).cast::<JoinNode>();
         // SAFETY: it is atomic, and the future's own.
         let listed = unsafe { &(*node.as_ptr()).listed };
         // The thread that ended the process takes the nodes off one by one, perhaps not this one
@@ -111,7 +111,7 @@ impl Drop for Join<'_> {
             return;
         }
         let mut shown = self.record.shown.lock();
-        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
+        let node = NonNull::from(&self.node).cast::<JoinNode>();
         // SAFETY: the lock is held, and `listed` shows whether the node is in the list.
         unsafe {
             if (*node.as_ptr()).listed.load(Ordering::Relaxed) {

@@ -24,7 +24,7 @@ use luna_core::{events, path};
 use luna_platform::clock::Instant;
 use luna_platform::sync::plain::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use reference::free_boxed;
-use shown::{Beside, Seen};
+use shown::Seen;
 
 /// Flags for the end of a process, stored beside its level.
 pub(in crate::process) struct How;
