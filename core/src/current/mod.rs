@@ -34,8 +34,8 @@ pub use inheritor::Inheritor;
 pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use process::{
-    Activity, AfterTurn, ExecutorId, LEVELS, Methods, Poll, Priority, Process, ProcessId, QueueEnd,
-    User, fail_current,
+    AfterTurn, ExecutorId, LEVELS, Methods, Poll, Priority, Process, ProcessId, ProcessState,
+    QueueEnd, User, fail_current,
 };
 pub use ready::{
     OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready, put_back,

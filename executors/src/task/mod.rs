@@ -152,7 +152,7 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
         let level = record.level();
         // In its place, where nothing is dropped: what was there says how it was built.
         let place = (&raw mut (*head).process).cast::<Process>();
-        let (id, executor_id) = (record.id(), shared.executor_id);
+        let (id, executor_id) = (record.id, shared.executor_id);
         place.write(Process::new(
             id,
             executor_id,
@@ -172,7 +172,7 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
             }
         }
         this.record.set_process(NonNull::from(&*this.process));
-        let (id, name) = (this.record.id(), || this.record.name().to_owned());
+        let (id, name) = (this.record.id, || (*this.record.name).to_owned());
         events::name_process(id.get(), level, name);
         this.process.ready_at(level, QueueEnd::Back);
     }
@@ -232,7 +232,7 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     // SAFETY: the caller promises that the task is referred to: that keeps it, and with it its
     // executor's part that others see, even if both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
-    events::ready(|| this.record.id().get());
+    events::ready(|| this.record.id.get());
     this.shared.inbound.wake(&this.slot, level);
 }
 

@@ -17,7 +17,7 @@ use core::ops::Range;
 use core::ptr::NonNull;
 pub(in crate::process) use end::Outcome;
 use luna_core::biased_lock::BiasedLock;
-use luna_core::current::{Activity, LEVELS, Process, ProcessId};
+use luna_core::current::{LEVELS, Process, ProcessId};
 use luna_core::deferred_free::Retired;
 use luna_core::replay_log::LogInstaller;
 use luna_core::{events, path};
@@ -59,12 +59,12 @@ pub(crate) struct Record {
     /// First, so that a pointer to it is one to the record. Its link is that of the list of what is
     /// not built yet, and later of the list of what has ended.
     retired: Retired,
-    pub(in crate::process) name: Name,
+    pub(crate) name: Name,
     seen: Seen,
     /// If its polls are timed, also if only the poll monitor needs that.
     timing: Option<Box<Timing>>,
     references: AtomicU32,
-    pub(in crate::process) id: ProcessId,
+    pub(crate) id: ProcessId,
     /// Its level, and [how](How) it ends.
     level_and_how: u8,
     /// One of [`Outcome`].
@@ -234,14 +234,6 @@ impl Record {
         !self.is(How::UNHURRIED) || matches!(outcome, Outcome::CANCELLED | Outcome::PANICKED)
     }
 
-    pub(crate) fn id(&self) -> ProcessId {
-        self.id
-    }
-
-    pub(crate) fn name(&self) -> &str {
-        &self.name
-    }
-
     #[inline]
     pub(crate) fn level(&self) -> u8 {
         self.level_and_how & How::LEVEL
@@ -295,19 +287,13 @@ impl Record {
     }
 
     pub(crate) fn state(&self) -> ProcessState {
-        let shown = self.shown.lock();
+        let _shown = self.shown.lock();
         if self.has_ended() {
             return ProcessState::Ended;
         }
         // SAFETY: the lock is held.
-        let activity = unsafe { self.seen.process() }.map(Process::activity);
-        drop(shown);
-        match activity {
-            None | Some(Activity::New) => ProcessState::Created,
-            Some(Activity::Ready) => ProcessState::Ready,
-            Some(Activity::Running) => ProcessState::Running,
-            Some(Activity::Waiting) => ProcessState::Waiting,
-        }
+        let process = unsafe { self.seen.process() };
+        process.map_or(ProcessState::Created, Process::activity)
     }
 
     /// How often it was polled.
