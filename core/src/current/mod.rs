@@ -335,7 +335,6 @@ pub fn ask_look() {
 
 /// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is
 /// any deadline.
-#[cfg(not(loom))]
 pub(crate) fn has_no_deadline_within(time: core::time::Duration) -> bool {
     let next = TIMERS.with(|slot| slot.borrow().as_ref().map(|timers| timers.next_deadline()));
     let next = next.unwrap_or(luna_platform::clock::Instant::NEVER);
