@@ -26,7 +26,7 @@ pub(crate) fn timespec(nanos: u64) -> libc::timespec {
 }
 
 /// `CLOCK_TAI` in nanoseconds.
-pub(crate) fn tai_nanos() -> Result<u64> {
+pub fn tai_nanos() -> Result<u64> {
     let now = clock_gettime(ClockId::CLOCK_TAI)?;
     Ok(now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)
 }

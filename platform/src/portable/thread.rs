@@ -33,7 +33,8 @@ pub(crate) fn promote(_number: i32, _policy: Policy) {}
 /// Threads have no priorities here.
 pub(crate) fn demote(_number: i32) {}
 
-pub(crate) fn unpin() {}
+/// Lets this thread run on all cores of the process.
+pub fn unpin() {}
 
 /// Applies the attributes to the calling thread: reports those that it cannot have. Its stack is
 /// not touched, since its bounds are unknown.
@@ -52,14 +53,17 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     Ok(obtained)
 }
 
-pub(crate) fn current_policy() -> Policy {
+/// The policy of this thread.
+pub fn current_policy() -> Policy {
     Policy::Other
 }
 
-pub(crate) fn current_core() -> Option<usize> {
+/// The core of this thread.
+pub fn current_core() -> Option<usize> {
     None
 }
 
-pub(crate) fn available_cores() -> Vec<usize> {
+/// The cores of unpinned threads.
+pub fn available_cores() -> Vec<usize> {
     (0..std::thread::available_parallelism().map_or(1, usize::from)).collect()
 }
