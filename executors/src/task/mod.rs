@@ -278,10 +278,13 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
 unsafe fn finish_turn(task: NonNull<Task>) {
     // SAFETY: the caller promises the executor's thread and a task whose turn is just over. Only
     // the calls below, each of them last, retire such a task: until then it is live. A body that
-    // ended while its task was queued has had that turn, so its task is queued no more.
+    // ended while its task was queued has had that turn, so its task is queued no more. The poll is
+    // over, so nothing else accesses a body that has not ended, as `abandon` requires.
     unsafe {
         let process = &task.as_ref().process;
-        end_failed(task);
+        if process.has_failed() && !process.has_ended() {
+            (task.as_ref().methods().abandon)(task, Abandoned::Failed);
+        }
         process.end_turn();
         let notices = process.notices();
         if !process.has_ended() {
@@ -293,24 +296,6 @@ unsafe fn finish_turn(task: NonNull<Task>) {
         } else {
             end_turns();
             retire(task);
-        }
-    }
-}
-
-/// Ends the body of a process that has failed in this turn, if it has not ended by itself.
-///
-/// # Safety
-///
-/// As for [`finish_turn`]: this is its executor's thread, and the task has had its turn just now,
-/// which is not over.
-unsafe fn end_failed(task: NonNull<Task>) {
-    // SAFETY: the caller promises the executor's thread and a task whose turn was just now. Its
-    // poll is over, so nothing else accesses the body, which has not ended: `abandon` requires just
-    // that.
-    unsafe {
-        let this = task.as_ref();
-        if this.process.has_failed() && !this.process.has_ended() {
-            (this.methods().abandon)(task, Abandoned::Failed);
         }
     }
 }
