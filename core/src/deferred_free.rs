@@ -190,29 +190,18 @@ pub fn collect() {
 unsafe fn free_all(first: *mut Retired) {
     let mut next = first;
     while let Some(head) = NonNull::new(next) {
+        // SAFETY: the caller owns the chain, so the allocation is live.
+        next = unsafe { head.as_ref() }.next.load(Ordering::Relaxed);
         // SAFETY: the caller owns the chain; the callers of `retire` promised that each allocation
         // can be freed here.
-        unsafe {
-            next = head.as_ref().next.load(Ordering::Relaxed);
-            free_one(head);
+        let free = || unsafe { free(head) };
+        if cfg!(any(loom, shuttle)) {
+            // A model checker reports its findings by a panic: let it through.
+            free();
+        } else if let Err(payload) = catch_unwind(free) {
+            // The drop of the payload is user code too, and may panic.
+            core::mem::forget(payload);
         }
-    }
-}
-
-/// # Safety
-///
-/// As for [`retire`]: `head` begins a live allocation that its function can free, on this thread,
-/// and that is no longer used.
-unsafe fn free_one(head: NonNull<Retired>) {
-    // SAFETY: the caller promises, as for `retire`, that the allocation is live, unused, and can be
-    // freed here.
-    let free = || unsafe { free(head) };
-    if cfg!(any(loom, shuttle)) {
-        // A model checker reports its findings by a panic: let it through.
-        free();
-    } else if let Err(payload) = catch_unwind(free) {
-        // The drop of the payload is user code too, and may panic.
-        core::mem::forget(payload);
     }
 }
 

@@ -1,17 +1,12 @@
 //! Blocking a thread until it is woken, and until a future is done.
 
-#[cfg(not(loom))]
 use crate::current;
 use crate::deferred_free::Shared;
+use core::cell::Cell;
+use core::future::Future;
 use core::mem::ManuallyDrop;
-use core::task::{RawWaker, RawWakerVTable, Waker};
-#[cfg(not(loom))]
-use core::{
-    cell::Cell,
-    future::Future,
-    pin::{Pin, pin},
-    task::{Context, Poll},
-};
+use core::pin::{Pin, pin};
+use core::task::{Context, Poll, RawWaker, RawWakerVTable, Waker};
 use luna_platform::bell::Bell;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::futex::Waited;
@@ -199,7 +194,6 @@ unsafe fn drop_waker(owner: *const ()) {
     drop(unsafe { Shared::<Parker>::from_raw(owner) });
 }
 
-#[cfg(not(loom))]
 luna_platform::local! {
     /// A thread blocks in one call at a time; nested calls (a poll that blocks) create a parker of
     /// their own.
@@ -213,7 +207,6 @@ luna_platform::local! {
 /// luna_core::park::prepare();
 /// assert_eq!(luna_core::park::block_on(async { 7 }), 7); // allocates nothing
 /// ```
-#[cfg(not(loom))]
 pub fn prepare() {
     let parker = PARKER.take();
     PARKER.set(Some(parker.unwrap_or_else(|| Shared::new(Parker::new()))));
@@ -228,7 +221,6 @@ pub fn prepare() {
 /// ```
 /// assert_eq!(luna_core::park::block_on(async { 1 + 1 }), 2);
 /// ```
-#[cfg(not(loom))]
 #[track_caller]
 pub fn block_on<F: Future>(future: F) -> F::Output {
     match block_on_until(pin!(future), Instant::NEVER) {
@@ -241,7 +233,6 @@ pub fn block_on<F: Future>(future: F) -> F::Output {
 /// the deadline the future is polled once more, so that its result is exact. With a virtual clock,
 /// the deadline comes once the machine's clock has advanced by the same time. Panics as
 /// [`block_on`] does.
-#[cfg(not(loom))]
 #[track_caller]
 pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> Option<F::Output> {
     assert!(

@@ -2,11 +2,9 @@
 
 pub use luna_platform::spin::*;
 
-#[cfg(not(loom))]
 use crate::current;
 
 /// At least as long as [`look`] takes.
-#[cfg(not(loom))]
 const LOOKS_TAKE: core::time::Duration = core::time::Duration::from_micros(4);
 
 /// Whether an operation that has to wait may spin for its partner first.
@@ -19,26 +17,19 @@ const LOOKS_TAKE: core::time::Duration = core::time::Duration::from_micros(4);
 /// ```
 /// assert!(!luna_core::spin::may_look()); // a plain thread may not
 /// ```
-#[cfg(not(loom))]
 #[inline]
 pub fn may_look() -> bool {
     // Spinning counts as an operation. A process that spins in each of its operations thus ends its
     // poll after a bounded number of them, and the executor looks at its files. With no operations
     // left, the process waits. It is not readied again, since other threads could then not see that
     // it waits.
-    is_allowed() && has_nothing_else() && current::count_operation()
+    // In a model the thread alone decides.
+    is_allowed() && (cfg!(loom) || has_nothing_else() && current::count_operation())
 }
 
-#[cfg(not(loom))]
 fn has_nothing_else() -> bool {
     !current::in_branch()
         && !current::has_replay_log()
         && current::ready_levels() == 0
         && current::has_no_deadline_within(LOOKS_TAKE)
-}
-
-/// In a model the thread alone decides.
-#[cfg(loom)]
-pub fn may_look() -> bool {
-    is_allowed()
 }

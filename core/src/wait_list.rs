@@ -215,9 +215,10 @@ impl WaitList {
         priority: Priority,
         wake_handle: impl Into<Option<WakeHandle>>,
     ) {
+        let before = self.last_of(priority).map(|before| before.0);
         // SAFETY: as is demanded here: the node is live and in no list, and stays so until it is
-        // removed.
-        unsafe { self.insert_behind(self.last_of(priority), node, priority, wake_handle) };
+        // removed. What comes before it is in this list.
+        unsafe { self.insert_after(before, node, priority, wake_handle) };
     }
 
     /// Inserts a [node](WaitNode::waiting) with all its fields set into an empty list. O(1).
@@ -329,35 +330,13 @@ impl WaitList {
         priority: Priority,
         wake_handle: impl Into<Option<WakeHandle>>,
     ) {
-        // SAFETY: as is demanded here: `before` is in this list, so it is live, and the node is
-        // live and in no list, and stays so until it is removed.
-        unsafe {
-            let before = before.map(|before| Listed::new(before));
-            self.insert_behind(before, node, priority, wake_handle);
-        }
-    }
-
-    /// As [`insert_after`](Self::insert_after).
-    ///
-    /// # Safety
-    ///
-    /// As there: `node` is live and in no list, stays where it is, and is removed before it is
-    /// freed.
-    #[inline]
-    unsafe fn insert_behind(
-        &mut self,
-        before: Link,
-        node: NonNull<WaitNode>,
-        priority: Priority,
-        wake_handle: impl Into<Option<WakeHandle>>,
-    ) {
         // SAFETY: the node is live and in no list, as is demanded here, so it is not shared; and it
-        // is live until it is removed.
-        let node = unsafe {
+        // is live until it is removed. `before` is in this list, so it is live.
+        let (before, node) = unsafe {
             // A drop of it may run user code, and the list's lock is held.
             debug_assert!((*node.as_ptr()).wake_handle.is_none());
             (*node.as_ptr()).wake_handle = wake_handle.into();
-            Listed::new(node)
+            (before.map(|before| Listed::new(before)), Listed::new(node))
         };
         node.priority.set(priority);
         node.user.set(current::user());

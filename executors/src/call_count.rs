@@ -7,7 +7,6 @@ use crate::simulation::Stage;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
 use core::cell::RefCell;
-use core::fmt;
 use luna_platform::clock::Clock;
 use luna_platform::on_drop::OnDrop;
 
@@ -99,10 +98,4 @@ impl Drop for UnderWay {
     }
 }
 
-impl fmt::Debug for UnderWay {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("UnderWay")
-            .field(&self.desk.is_some())
-            .finish()
-    }
-}
+luna_platform::debug_fields!(UnderWay, |call| is_counted: call.desk.is_some());

@@ -17,7 +17,6 @@ use luna_platform::lock::PiLock;
 use luna_platform::on_drop::OnDrop;
 use luna_platform::reactor::{BorrowedFd, Reactor, ReactorError, Readiness};
 use std::cell::{Cell, RefCell};
-use std::fmt;
 use std::os::fd::{AsRawFd, RawFd};
 use std::ptr::NonNull;
 use std::sync::Arc;
@@ -297,10 +296,4 @@ impl Watch for ThreadFiles {
     }
 }
 
-impl fmt::Debug for ThreadFiles {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ThreadFiles")
-            .field("waits", &self.count)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(ThreadFiles, |files| waits: files.count);

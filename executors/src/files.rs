@@ -8,7 +8,6 @@ use luna_core::current::WakeHandle;
 use luna_core::events;
 use luna_platform::reactor::Interest;
 use std::cell::UnsafeCell;
-use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -169,11 +168,4 @@ impl Drop for FileReady<'_> {
     }
 }
 
-impl fmt::Debug for FileReady<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("FileReady")
-            .field("file", &self.file)
-            .field("waits", &self.files.is_some())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(FileReady<'_>, |ready| file: ready.file, waits: ready.files.is_some());

@@ -14,9 +14,8 @@ use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError};
 use std::convert::Infallible;
-use std::fmt;
 use std::future::Future;
-use std::pin::{Pin, pin};
+use std::pin::pin;
 use std::ptr;
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -84,7 +83,11 @@ pub fn block_on_patiently<F: Future>(
 ) -> Result<F::Output, Nested> {
     let mut has_heard = false;
     run_here(future, |id, quiescence, parker, deadline| {
-        if !has_heard && only_others_can_wake(parker, deadline) && !quiescence.has_calls() {
+        // Nothing that the thread has of its own can wake it.
+        let only_others_can = deadline == Instant::NEVER
+            && !file_watch::is_waiting(parker.bell())
+            && !quiescence.has_calls();
+        if !has_heard && only_others_can {
             if parker.park(Instant::now() + patience) {
                 return true;
             }
@@ -94,12 +97,8 @@ pub fn block_on_patiently<F: Future>(
     })
 }
 
-/// Whether nothing that the thread has of its own can wake it.
-fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
-    deadline == Instant::NEVER && !file_watch::is_waiting(parker.bell())
-}
-
-/// Runs `future` on this thread, which runs no processes yet.
+/// Runs `future` on this thread, if it runs no processes yet. Polls until done, in between in
+/// `sleep`: until a wake or a deadline, saying whether it was a wake.
 fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Quiescence, &Parker, Instant) -> bool,
@@ -115,24 +114,12 @@ fn run_here<F: Future>(
     let quiescence = Arc::new(Quiescence::new());
     let _calls = call_count::enter(quiescence.clone(), None, None);
     let id = ProcessId::new();
-    Ok(run(pin!(future), &parker, id, |parker, deadline| {
-        sleep(id, &quiescence, parker, deadline)
-    }))
-}
-
-/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a
-/// wake. The caller lets the thread wait for files.
-fn run<F: Future>(
-    mut future: Pin<&mut F>,
-    parker: &Shared<Parker>,
-    id: ProcessId,
-    mut sleep: impl FnMut(&Parker, Instant) -> bool,
-) -> F::Output {
+    let mut future = pin!(future);
     let timers = Arc::new(TimerQueue::new());
     let executor_id = ExecutorId::new();
     let _entered = current::enter_executor(executor_id, timers.clone(), true);
     // Alone on its thread it needs no way around its waker.
-    let waker = park::waker(parker);
+    let waker = park::waker(&parker);
     let body = ptr::from_ref(&*future).addr();
     let body = body..body + size_of::<F>();
     let priority = thread::current_policy().rank();
@@ -147,7 +134,7 @@ fn run<F: Future>(
         // SAFETY: this thread is the process' executor, and the process ends with this function.
         let polled = unsafe { current::with_process(&process, || future.as_mut().poll(&mut cx)) };
         if let Poll::Ready(output) = polled {
-            return output;
+            return Ok(output);
         }
         events::end_turn(id.get(), false);
         loop {
@@ -158,7 +145,7 @@ fn run<F: Future>(
             }
             file_watch::glance(parker.bell());
             events::report_executor(events::code::ASLEEP);
-            let is_woken = sleep(parker, timers.next_deadline());
+            let is_woken = sleep(id, &quiescence, &parker, timers.next_deadline());
             events::report_executor(events::code::AWAKE);
             if is_woken {
                 events::ready(|| id.get());
@@ -290,10 +277,4 @@ impl OsThread {
     }
 }
 
-impl fmt::Debug for OsThread {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("OsThread")
-            .field("process", &self.process)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(OsThread, |thread| process: thread.process);

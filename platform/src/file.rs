@@ -1,13 +1,14 @@
 //! Reading and writing open files without waiting: what a link to a device does on the real-time
 //! path, and how it is prepared for it.
 
-use crate::path::{self, Call};
+use crate::path::Call;
+use crate::socket::unless_interrupted;
 use std::fs::File;
-use std::io::{ErrorKind, Read, Result, Write};
+use std::io::{Read, Result, Write};
 use std::os::fd::AsFd;
 
-/// Makes reading and writing `file` fail with [`WouldBlock`](ErrorKind::WouldBlock) where they
-/// would wait.
+/// Makes reading and writing `file` fail with [`WouldBlock`](std::io::ErrorKind::WouldBlock) where
+/// they would wait.
 ///
 /// All duplicates of the descriptor share this mode, also those in other programs. Files on a disk
 /// have it without effect. Two system calls; not for the real-time path.
@@ -33,8 +34,8 @@ pub fn set_non_blocking(file: &impl AsFd) -> Result<()> {
 ///
 /// # Errors
 ///
-/// The error of the system, [`WouldBlock`](ErrorKind::WouldBlock) if nothing is there. It allocates
-/// nothing.
+/// The error of the system, [`WouldBlock`](std::io::ErrorKind::WouldBlock) if nothing is there. It
+/// allocates nothing.
 ///
 /// ```
 /// let zeros = std::fs::File::open("/dev/zero")?;
@@ -42,7 +43,7 @@ pub fn set_non_blocking(file: &impl AsFd) -> Result<()> {
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
-    unless_interrupted(|| path::expected(Call::File, || file.read(to)))
+    unless_interrupted(Call::File, || file.read(to))
 }
 
 /// Writes what fits, and returns how much. Real-time path: one system call, more only if
@@ -53,8 +54,8 @@ pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
 ///
 /// # Errors
 ///
-/// The error of the system, [`WouldBlock`](ErrorKind::WouldBlock) if there is no room. It allocates
-/// nothing.
+/// The error of the system, [`WouldBlock`](std::io::ErrorKind::WouldBlock) if there is no room. It
+/// allocates nothing.
 ///
 /// ```
 /// let nowhere = std::fs::File::create("/dev/null")?;
@@ -62,14 +63,5 @@ pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub fn write(mut file: &File, from: &[u8]) -> Result<usize> {
-    unless_interrupted(|| path::expected(Call::File, || file.write(from)))
-}
-
-fn unless_interrupted(mut call: impl FnMut() -> Result<usize>) -> Result<usize> {
-    loop {
-        match call() {
-            Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            outcome => return outcome,
-        }
-    }
+    unless_interrupted(Call::File, || file.write(from))
 }

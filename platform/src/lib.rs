@@ -25,7 +25,7 @@
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
-//! - [`on_drop`]: what is undone at the end of a scope.
+//! - [`on_drop`]: what is undone at the end of a scope. [`debug_fields`]: `Debug` of a part.
 //! - `file`: reading and writing without waiting (on Unix); `socket`: datagrams.
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the
 //!   machine is.
@@ -63,6 +63,7 @@ pub mod bell;
 pub mod clock;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod crash;
+mod debug;
 pub mod event_count;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod facts;

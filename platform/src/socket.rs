@@ -4,6 +4,7 @@
 //! receive by a call that sleeps in the kernel: one system call for a datagram, where a file that is
 //! waited for takes three.
 
+use crate::backend::socket as backend;
 use crate::path::{self, Call};
 use std::io::{ErrorKind, Result};
 use std::net::UdpSocket;
@@ -30,11 +31,7 @@ use std::net::UdpSocket;
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub fn send_now(socket: &UdpSocket, bytes: &[u8]) -> Result<usize> {
-    unless_interrupted(|| {
-        path::expected(Call::File, || {
-            crate::backend::socket::send_now(socket, bytes)
-        })
-    })
+    unless_interrupted(Call::File, || backend::send_now(socket, bytes))
 }
 
 /// Receives the next datagram, cut to the size of `to`, without waiting. Real-time path: as
@@ -54,11 +51,7 @@ pub fn send_now(socket: &UdpSocket, bytes: &[u8]) -> Result<usize> {
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub fn receive_now(socket: &UdpSocket, to: &mut [u8]) -> Result<usize> {
-    unless_interrupted(|| {
-        path::expected(Call::File, || {
-            crate::backend::socket::receive_now(socket, to)
-        })
-    })
+    unless_interrupted(Call::File, || backend::receive_now(socket, to))
 }
 
 /// Receives the next datagram, cut to the size of `to`; sleeps in the kernel until there is one, for
@@ -78,12 +71,16 @@ pub fn receive_now(socket: &UdpSocket, to: &mut [u8]) -> Result<usize> {
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub fn receive(socket: &UdpSocket, to: &mut [u8]) -> Result<usize> {
-    unless_interrupted(|| path::expected(Call::Sleep, || socket.recv(to)))
+    unless_interrupted(Call::Sleep, || socket.recv(to))
 }
 
-fn unless_interrupted(mut call: impl FnMut() -> Result<usize>) -> Result<usize> {
+/// Makes a system call of the path, again as long as signals interrupt it.
+pub(crate) fn unless_interrupted(
+    reason: Call,
+    mut call: impl FnMut() -> Result<usize>,
+) -> Result<usize> {
     loop {
-        match call() {
+        match path::expected(reason, &mut call) {
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             outcome => return outcome,
         }

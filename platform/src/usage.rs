@@ -81,9 +81,7 @@ impl ThreadUsage {
 ///     while processor_time() == Some(before) {}
 /// }
 /// ```
-pub fn processor_time() -> Option<Duration> {
-    backend::processor_time()
-}
+pub use backend::processor_time;
 
 #[cfg(test)]
 mod tests {

@@ -11,7 +11,6 @@ use super::{
     EXECUTOR_THREAD, ExecutorId, RunQueue, THREAD, entered, executor_id, set_timers, take_timers,
 };
 use crate::timer_queue::TimerQueue;
-use core::fmt;
 use core::marker::PhantomData;
 use luna_platform::inside::Inside;
 use luna_platform::sync::Arc;
@@ -120,13 +119,7 @@ impl Drop for Guest {
     }
 }
 
-impl fmt::Debug for Guest {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Guest")
-            .field("executor_id", &self.executor_id)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Guest, |guest| executor_id: guest.executor_id);
 
 #[cfg(all(test, not(loom)))]
 mod tests {

@@ -125,10 +125,17 @@ impl Inheritance {
         unsafe { self.thread.load(Ordering::Acquire).as_ref() }
     }
 
+    /// Whether the process has the thread of its executor, which is the calling one: from the first
+    /// call on, if that is an executor's.
+    #[inline]
+    pub(super) fn has_thread(&self) -> bool {
+        self.thread().is_some() || self.take_thread()
+    }
+
     /// Keeps a reference to the calling thread, which is that of the process' executor. Returns
     /// whether the thread is an executor's; that succeeds once at most.
     #[cold]
-    pub(super) fn take_thread(&self) -> bool {
+    fn take_thread(&self) -> bool {
         let Some(thread) = super::EXECUTOR_THREAD.with(|slot| slot.borrow().clone()) else {
             return false;
         };

@@ -15,7 +15,7 @@
 
 use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
-use super::process::{Priority, Process, QueueEnd};
+use super::process::{Priority, QueueEnd};
 use super::wake_handle::Reference;
 use super::{PlainTurn, executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
@@ -53,18 +53,19 @@ impl Inheritor {
     pub fn current() -> Option<Inheritor> {
         process(|process| {
             let process = process?;
-            process
-                .can_inherit()
-                .then(|| Inheritor::to(To::Process(Reference::to_current(process))))
+            // It can be boosted if it is counted by references, and its executor is this thread.
+            let can_inherit = process.is_counted()
+                && executor_id() == Some(process.executor_id())
+                && process.inheritance().has_thread();
+            can_inherit.then(|| Inheritor::to(To::Process(Reference::to_current(process))))
         })
     }
 
     /// As [`current`](Self::current), of the process in its plain turn.
     #[inline(always)]
     pub fn of_plain_turn(turn: PlainTurn<'_>) -> Option<Inheritor> {
-        let inheritance = turn.process().inheritance();
-        (inheritance.thread().is_some() || inheritance.take_thread())
-            .then(|| Inheritor::to(To::Process(Reference::of_plain_turn(turn))))
+        let has_thread = turn.process().inheritance().has_thread();
+        has_thread.then(|| Inheritor::to(To::Process(Reference::of_plain_turn(turn))))
     }
 
     /// The current process; outside of any, the calling thread itself: for holders that need not be
@@ -354,17 +355,6 @@ impl fmt::Debug for Inheritor {
             To::Thread(_) => inheritor.field("thread", &self.priority()),
         };
         inheritor.field("boost", &self.boost).finish()
-    }
-}
-
-impl Process {
-    /// Whether it can be boosted: it is counted by references, and its executor is this thread.
-    #[inline]
-    fn can_inherit(&self) -> bool {
-        let inheritance = self.inheritance();
-        self.is_counted()
-            && executor_id() == Some(self.executor_id())
-            && (inheritance.thread().is_some() || inheritance.take_thread())
     }
 }
 

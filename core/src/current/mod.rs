@@ -34,8 +34,8 @@ pub use inheritor::Inheritor;
 pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use process::{
-    Activity, AfterTurn, ExecutorId, LEVELS, Methods, Poll, Priority, Process, ProcessId, QueueEnd,
-    User, fail_current,
+    AfterTurn, ExecutorId, LEVELS, Methods, Poll, Priority, Process, ProcessId, ProcessState,
+    QueueEnd, User, fail_current,
 };
 pub use ready::{
     OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready, put_back,
@@ -335,7 +335,6 @@ pub fn ask_look() {
 
 /// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is
 /// any deadline.
-#[cfg(not(loom))]
 pub(crate) fn has_no_deadline_within(time: core::time::Duration) -> bool {
     let next = TIMERS.with(|slot| slot.borrow().as_ref().map(|timers| timers.next_deadline()));
     let next = next.unwrap_or(luna_platform::clock::Instant::NEVER);

@@ -188,11 +188,11 @@ fn a_turn_that_panics_is_known_to_the_one_that_catches_it() {
     unsafe {
         process.set_owner(NonNull::from(process).cast(), &METHODS);
         process.ready_at(3, QueueEnd::Back);
-        assert_eq!(process.activity(), Activity::Ready);
+        assert_eq!(process.activity(), ProcessState::Ready);
         let next = next_ready().expect("it is ready").cast::<Process>();
         let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             give_turn(next.as_ref(), || {
-                assert_eq!(next.as_ref().activity(), Activity::Running);
+                assert_eq!(next.as_ref().activity(), ProcessState::Running);
                 std::panic::resume_unwind(Box::new(()))
             })
         }));
@@ -201,7 +201,7 @@ fn a_turn_that_panics_is_known_to_the_one_that_catches_it() {
         assert_eq!(take_interrupted(), Some(next));
         assert!(!process.is_queued());
         assert_eq!((user(), take_interrupted()), (User::Outside, None));
-        assert_eq!(process.activity(), Activity::Waiting);
+        assert_eq!(process.activity(), ProcessState::Waiting);
     }
 }
 

@@ -5,7 +5,6 @@ use super::{
     ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
     local,
 };
-use core::fmt;
 use core::ptr::NonNull;
 use core::task::Context;
 use luna_platform::on_drop::OnDrop;
@@ -191,11 +190,7 @@ impl<'a> PlainTurn<'a> {
     }
 }
 
-impl fmt::Debug for PlainTurn<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("PlainTurn").field(self.process()).finish()
-    }
-}
+luna_platform::debug_fields!(PlainTurn<'_>, |turn| process: turn.process());
 
 /// The current process, if its turn is a plain one: the process is an executor's, `cx` has its own
 /// waker and no combinator's, its events are not recorded and it has no replay log, and the branch

@@ -69,22 +69,16 @@ impl<T: Send + Sync> Shared<T> {
     /// The drop of the value, which may come after all that it borrows has gone, uses nothing of
     /// that.
     pub unsafe fn borrowing(value: T) -> Self {
-        let inner = Box::new(Inner {
-            retired: Retired::new(free::<T>),
-            owners: AtomicUsize::new(1),
-            value,
-        });
-        Self {
-            inner: NonNull::from(Box::leak(inner)),
-            owns: PhantomData,
-        }
+        // SAFETY: the caller promises what is demanded there.
+        unsafe { Self::make(|_| value) }
     }
-}
 
-impl<T: Send + Sync + 'static> Shared<T> {
-    /// As [`new`](Self::new), of a value that knows the [pointer](Self::from_raw) of its owners.
-    /// The pointer may be used when this has returned.
-    pub(crate) fn new_cyclic(value: impl FnOnce(*const ()) -> T) -> Self {
+    /// As [`borrowing`](Self::borrowing), of a value that knows the pointer of its owners.
+    ///
+    /// # Safety
+    ///
+    /// As there: the drop of the value uses nothing that it borrows.
+    unsafe fn make(value: impl FnOnce(*const ()) -> T) -> Self {
         let mut place = Box::<Inner<T>>::new_uninit();
         place.write(Inner {
             retired: Retired::new(free::<T>),
@@ -96,6 +90,15 @@ impl<T: Send + Sync + 'static> Shared<T> {
             inner: NonNull::from(Box::leak(unsafe { place.assume_init() })),
             owns: PhantomData,
         }
+    }
+}
+
+impl<T: Send + Sync + 'static> Shared<T> {
+    /// As [`new`](Self::new), of a value that knows the [pointer](Self::from_raw) of its owners.
+    /// The pointer may be used when this has returned.
+    pub(crate) fn new_cyclic(value: impl FnOnce(*const ()) -> T) -> Self {
+        // SAFETY: the value borrows nothing.
+        unsafe { Self::make(value) }
     }
 }
 

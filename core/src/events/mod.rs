@@ -14,26 +14,28 @@
 //! if there is a listener (`listen`). Not for the real-time path, as making one is not.
 
 pub mod code;
+mod reports;
 #[cfg(any(all(feature = "events", not(loom)), all(test, loom)))]
 mod ring;
+mod waits;
 
 // Models check the ring alone, not the events.
 #[cfg(all(feature = "events", not(loom)))]
 mod names;
 #[cfg(not(all(feature = "events", not(loom))))]
-mod off;
+#[path = "off.rs"]
+mod thread;
 #[cfg(all(feature = "events", not(loom)))]
-mod on;
+#[path = "on.rs"]
+mod thread;
 #[cfg(all(feature = "events", not(loom)))]
-mod waits;
+mod waits_in;
 
-#[cfg(not(all(feature = "events", not(loom))))]
-pub use off::*;
-#[cfg(all(feature = "events", not(loom)))]
-pub use on::*;
-
+pub use reports::*;
 #[cfg(all(feature = "events", not(loom)))]
 pub use ring::{Losses, Reader, Writer, ring};
+pub use thread::*;
+pub use waits::{beside, waits_for, waits_for_other, waits_for_several, waits_no_more};
 
 /// The kind of a numbered object in an event; as a byte, its code in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

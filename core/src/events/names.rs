@@ -1,9 +1,10 @@
 //! Names, from the code that makes a named object to its listeners.
 
-use super::on::place;
 use super::ring::{Reader, Writer, ring_of};
+use super::thread::place;
 use super::{Kind, is_on};
 use crate::current;
+use alloc::collections::LinkedList;
 use alloc::sync::{Arc, Weak};
 use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use luna_platform::clock::Counter;
@@ -29,31 +30,14 @@ pub struct Name {
 #[derive(Debug)]
 pub struct Names {
     id: u64,
-    last: PiLock<Link>,
+    list: PiLock<LinkedList<Name>>,
 }
 
-/// Allocated before the lock is taken: an executor may have to wait for a thread that holds the
-/// lock to name something.
-#[derive(Debug)]
-struct Node {
-    name: Name,
-    before: Link,
+/// A name in a node of its own, which is allocated before the lock is taken: an executor may have
+/// to wait for a thread that holds the lock to name something.
+fn node(name: Name) -> LinkedList<Name> {
+    LinkedList::from([name])
 }
-
-impl Node {
-    fn boxed(kind: Kind, number: u32, parent: u32, text: String) -> Box<Self> {
-        let name = Name {
-            kind,
-            number,
-            parent,
-            text,
-            runs_on: None,
-        };
-        Box::new(Self { name, before: None })
-    }
-}
-
-type Link = Option<Box<Node>>;
 
 static LISTENERS: PiLock<Vec<Weak<Names>>> = PiLock::new(Vec::new());
 static LISTENING: AtomicUsize = AtomicUsize::new(0);
@@ -72,7 +56,7 @@ pub fn listen() -> Arc<Names> {
     static NEXT: AtomicU64 = AtomicU64::new(1);
     let names = Arc::new(Names {
         id: NEXT.fetch_add(1, Ordering::Relaxed),
-        last: PiLock::new(None),
+        list: PiLock::new(LinkedList::new()),
     });
     let mut listeners = LISTENERS.lock();
     listeners.retain(|one| one.strong_count() > 0);
@@ -104,34 +88,30 @@ impl Names {
 
     /// The names since the last call.
     pub fn take(&self) -> Vec<Name> {
-        let mut next = self.last.lock().take();
-        let mut names = Vec::new();
-        while let Some(node) = next {
-            names.push(node.name);
-            next = node.before;
-        }
-        names.reverse();
-        names
+        let names = core::mem::take(&mut *self.list.lock());
+        names.into_iter().collect()
     }
 
     /// Reports a name to this listener alone.
     pub fn name(&self, kind: Kind, number: u32, text: String) {
-        self.put(Node::boxed(kind, number, 0, text));
+        self.put(node(Name {
+            kind,
+            number,
+            parent: 0,
+            text,
+            runs_on: None,
+        }));
     }
 
     /// No allocation. O(1).
-    fn put(&self, mut node: Box<Node>) {
-        let mut last = self.last.lock();
-        node.before = last.take();
-        *last = Some(node);
+    fn put(&self, mut node: LinkedList<Name>) {
+        self.list.lock().append(&mut node);
     }
 }
 
 impl Drop for Names {
     fn drop(&mut self) {
         LISTENING.fetch_sub(1, Ordering::Relaxed);
-        // In a loop and not recursively: there may be many.
-        drop(self.take());
     }
 }
 
@@ -165,11 +145,17 @@ pub fn name_executor(text: impl FnOnce() -> String) {
 fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) {
     let on_path = current::set_on_path(false);
     let place = place();
-    let node = || Node::boxed(kind, number, parent, text.clone());
+    let name = Name {
+        kind,
+        number,
+        parent,
+        text,
+        runs_on: None,
+    };
     // Everything is allocated before the lock is taken, and freed after it is released. A listener
     // that was added meanwhile stands last, and gets none.
     let most = LISTENING.load(Ordering::Relaxed);
-    let mut room: Vec<Box<Node>> = (0..most).map(|_| node()).collect();
+    let mut room: Vec<_> = (0..most).map(|_| node(name.clone())).collect();
     let mut heard = Vec::with_capacity(most);
     {
         let listeners = LISTENERS.lock();
@@ -179,9 +165,10 @@ fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) 
             if (kind != Kind::Executor || own.is_some())
                 && let Some(mut node) = room.pop()
             {
-                node.name.runs_on = own
-                    .zip(level)
-                    .map(|((_, executor), level)| (executor, level));
+                let runs_on = own.zip(level);
+                for name in &mut node {
+                    name.runs_on = runs_on.map(|((_, executor), level)| (executor, level));
+                }
                 names.put(node);
             }
             if heard.len() < most {

@@ -1,7 +1,6 @@
 //! The event ring of a thread: one producer, one consumer, both non-blocking.
 
 use core::cell::Cell;
-use core::fmt;
 #[cfg(not(loom))]
 use luna_platform::clock::Counter;
 use luna_platform::clock::Instant;
@@ -185,11 +184,7 @@ impl Drop for Writer {
     }
 }
 
-impl fmt::Debug for Writer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Writer").field(&self.0.number).finish()
-    }
-}
+luna_platform::debug_fields!(Writer, |writer| number: writer.0.number);
 
 /// The reading end of a ring.
 pub struct Reader(Arc<Ring>);
@@ -239,11 +234,7 @@ impl Drop for Reader {
     }
 }
 
-impl fmt::Debug for Reader {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Reader").field(&self.0.number).finish()
-    }
-}
+luna_platform::debug_fields!(Reader, |reader| number: reader.0.number);
 
 #[cfg(all(test, not(loom)))]
 mod tests {

@@ -18,7 +18,6 @@ use crate::biased_lock::BiasedLock;
 use crate::current::{self, PendingWake, Renewal, WakeHandle};
 use crate::events;
 use core::cell::UnsafeCell;
-use core::fmt;
 use core::future::Future;
 use core::marker::PhantomPinned;
 use core::mem::MaybeUninit;
@@ -449,13 +448,7 @@ impl Drop for Sleep {
     }
 }
 
-impl fmt::Debug for TimerQueue {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("TimerQueue")
-            .field("next_deadline", &self.next_deadline())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(TimerQueue, |queue| next_deadline: queue.next_deadline());
 
 #[cfg(all(test, not(loom)))]
 mod tests;

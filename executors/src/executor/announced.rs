@@ -3,7 +3,6 @@
 use super::Phase;
 use crate::process::is_monitored;
 use crate::task::Unbuilt;
-use core::fmt;
 use luna_core::current;
 
 /// A process to be, on its executor: see
@@ -77,10 +76,4 @@ impl Announced {
     }
 }
 
-impl fmt::Debug for Announced {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Announced")
-            .field(self.process.record())
-            .finish()
-    }
-}
+luna_platform::debug_fields!(Announced, |announced| process: announced.process.record());

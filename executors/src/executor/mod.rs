@@ -29,7 +29,6 @@ use crate::process::{ExitValue, ProcessHandle, ProcessSpec};
 use crate::task::Unbuilt;
 use alloc::sync::Arc;
 use core::cell::Cell;
-use core::fmt;
 use core::future::Future;
 use core::sync::atomic::Ordering;
 use luna_core::{current, deferred_free};
@@ -127,10 +126,21 @@ impl ExecutorHandle {
     }
 }
 
-impl fmt::Debug for ExecutorHandle {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ExecutorHandle")
-            .field("executor_id", &self.shared.executor_id)
-            .finish_non_exhaustive()
+impl Executor {
+    /// Spawns processes here, also when this `Executor` is elsewhere, or runs.
+    pub fn handle(&self) -> &ExecutorHandle {
+        &self.handle
+    }
+
+    /// As [`ExecutorHandle::spawn`].
+    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        self.handle.spawn(spec, build)
     }
 }
+
+luna_platform::debug_fields!(Executor, |executor| executor_id: executor.handle.shared.executor_id);
+luna_platform::debug_fields!(ExecutorHandle, |handle| executor_id: handle.shared.executor_id);

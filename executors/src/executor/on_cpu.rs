@@ -1,11 +1,9 @@
 //! The executor without an operating system: on the CPU, in the context of the program.
 
 use super::{ExecutorHandle, Serves, Shared, turns};
-use crate::process::{Enrolled, ProcessHandle, ProcessRegistry, ProcessSpec};
+use crate::process::{Enrolled, ProcessRegistry};
 use crate::quiescence::Quiescence;
 use alloc::sync::Arc;
-use core::fmt;
-use core::future::Future;
 use luna_core::deferred_free;
 use luna_platform::bare;
 
@@ -24,7 +22,7 @@ use luna_platform::bare;
 /// executor.run();
 /// ```
 pub struct Executor {
-    handle: ExecutorHandle,
+    pub(super) handle: ExecutorHandle,
     enrolled: Option<Enrolled>,
 }
 
@@ -47,20 +45,6 @@ impl Executor {
             handle: ExecutorHandle { shared },
             enrolled: Some(enrolled),
         }
-    }
-
-    /// Spawns processes here, also while it runs.
-    pub fn handle(&self) -> &ExecutorHandle {
-        &self.handle
-    }
-
-    /// As [`ExecutorHandle::spawn`].
-    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
-    where
-        B: FnOnce() -> F + Send + 'static,
-        F: Future<Output = ()> + 'static,
-    {
-        self.handle.spawn(spec, build)
     }
 
     /// Runs the processes until all have ended, or until [a stop was
@@ -91,13 +75,5 @@ impl Drop for Executor {
         if self.enrolled.take().is_some() {
             self.handle.shared.refuse_all();
         }
-    }
-}
-
-impl fmt::Debug for Executor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Executor")
-            .field("executor_id", &self.handle.shared.executor_id)
-            .finish_non_exhaustive()
     }
 }

@@ -1,13 +1,11 @@
 //! The executor on a thread of its own, or on that of a simulation.
 
 use super::{ExecutorHandle, Serves, Shared, turns};
-use crate::process::{ProcessHandle, ProcessRegistry, ProcessSpec};
+use crate::process::ProcessRegistry;
 use crate::quiescence::Quiescence;
 use crate::simulation::{SimulationHandle, is_stage};
 use alloc::sync::Arc;
 use core::convert::Infallible;
-use core::fmt;
-use core::future::Future;
 use core::sync::atomic::Ordering;
 use core::time::Duration;
 use luna_core::deferred_free;
@@ -18,9 +16,10 @@ use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 /// within a level.
 ///
 /// It starts held: processes can be spawned and are built on its thread, and run only after
-/// [`release`](Self::release). Dropping it stops it. Example: [`ProcessHandle`].
+/// [`release`](Self::release). Dropping it stops it. Example:
+/// [`ProcessHandle`](crate::ProcessHandle).
 pub struct Executor {
-    handle: ExecutorHandle,
+    pub(super) handle: ExecutorHandle,
     runs: Runs,
 }
 
@@ -109,11 +108,6 @@ impl Executor {
         }
     }
 
-    /// Spawns processes here, also when this `Executor` is elsewhere.
-    pub fn handle(&self) -> &ExecutorHandle {
-        &self.handle
-    }
-
     /// What the thread got of the requested attributes; `None` on a simulation's thread.
     pub fn obtained(&self) -> Option<&Obtained> {
         match &self.runs {
@@ -127,15 +121,6 @@ impl Executor {
     /// thread.
     pub fn processor_time(&self) -> Option<Duration> {
         self.handle.shared.processor_time.get().copied()
-    }
-
-    /// As [`ExecutorHandle::spawn`].
-    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
-    where
-        B: FnOnce() -> F + Send + 'static,
-        F: Future<Output = ()> + 'static,
-    {
-        self.handle.spawn(spec, build)
     }
 
     /// Waits until all processes spawned so far are built. Not on the executor's own thread.
@@ -212,19 +197,5 @@ impl Executor {
 impl Drop for Executor {
     fn drop(&mut self) {
         self.join();
-    }
-}
-
-impl fmt::Debug for Executor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Executor")
-            .field(
-                "thread",
-                &match &self.runs {
-                    Runs::OnThread(thread) => Some(thread.name()),
-                    Runs::OnStage | Runs::Nowhere => None,
-                },
-            )
-            .finish_non_exhaustive()
     }
 }

@@ -4,7 +4,6 @@ use super::Exit;
 use super::record::Record;
 use alloc::vec::Vec;
 use core::cell::{Cell, UnsafeCell};
-use core::fmt;
 use core::future::Future;
 use core::marker::PhantomPinned;
 use core::pin::Pin;
@@ -64,7 +63,7 @@ impl Future for Join<'_> {
     type Output = Exit;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Exit> {
-        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
+        let node = NonNull::from(&self.node).cast::<JoinNode>();
         // SAFETY: it is atomic, and the future's own.
         let listed = unsafe { &(*node.as_ptr()).listed };
         // The thread that ended the process takes the nodes off one by one, perhaps not this one
@@ -112,7 +111,7 @@ impl Drop for Join<'_> {
             return;
         }
         let mut shown = self.record.shown.lock();
-        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
+        let node = NonNull::from(&self.node).cast::<JoinNode>();
         // SAFETY: the lock is held, and `listed` shows whether the node is in the list.
         unsafe {
             if (*node.as_ptr()).listed.load(Ordering::Relaxed) {
@@ -153,10 +152,4 @@ pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
     }
 }
 
-impl fmt::Debug for Join<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Join")
-            .field("process", &self.record.name)
-            .finish()
-    }
-}
+luna_platform::debug_fields!(Join<'_>, |join| process: join.record.name);

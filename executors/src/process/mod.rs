@@ -28,6 +28,7 @@ use alloc::sync::Arc;
 use core::any::Any;
 use core::fmt;
 use core::time::Duration;
+pub use luna_core::current::ProcessState;
 use luna_core::current::{self, ProcessId};
 use luna_core::replay_log::LogInstaller;
 #[cfg(feature = "std")]
@@ -154,22 +155,6 @@ impl ProcessSpec {
     fn timing(&mut self) -> &mut Timing {
         self.timing.get_or_insert_default()
     }
-}
-
-/// What a process is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum ProcessState {
-    /// Made, and not started yet.
-    Created,
-    /// Able to run, and waiting for its executor.
-    Ready,
-    /// Running.
-    Running,
-    /// Waiting for a communication, a deadline, or another event.
-    Waiting,
-    /// Ended, in any way.
-    Ended,
 }
 
 /// How a process ended.

@@ -7,7 +7,6 @@ use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::cell::Cell;
-use core::fmt;
 use core::ptr::{self, NonNull};
 use luna_core::current::ExecutorId;
 use luna_core::deferred_free::Retired;
@@ -248,20 +247,13 @@ impl ProcessRegistry {
         }
     }
 
-    /// Lists a process that has ended. O(1).
-    pub(super) fn list_ended(&self, record: RecordRef) {
-        let record = record.into_raw().as_ptr().cast();
-        // SAFETY: it is owned, and not in the chain yet.
-        unsafe { self.list_chain(record, record) };
-    }
-
     /// Lists the records of a chain from the newest to the oldest.
     ///
     /// # Safety
     ///
     /// It is a chain of records that are owned by their places in it. The caller gives up its
     /// ownership.
-    unsafe fn list_chain(&self, newest: *mut Retired, oldest: *mut Retired) {
+    pub(super) unsafe fn list_chain(&self, newest: *mut Retired, oldest: *mut Retired) {
         let mut first = self.ended.load(Ordering::Relaxed);
         while first != CLOSED {
             // SAFETY: the caller owns the records of the chain by their places, so the oldest is
@@ -539,10 +531,4 @@ impl Drop for Enrolled {
     }
 }
 
-impl fmt::Debug for ProcessRegistry {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ProcessRegistry")
-            .field("count", &self.count())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(ProcessRegistry, |registry| count: registry.count());

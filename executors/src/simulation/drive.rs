@@ -3,7 +3,6 @@
 use luna_core::deferred_free::Shared;
 use luna_core::park::Parker;
 use luna_platform::clock::{Instant, VirtualClock};
-use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -112,11 +111,7 @@ impl Drop for DrivenClock {
     }
 }
 
-impl fmt::Debug for DrivenClock {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("DrivenClock").field(&self.0.clock).finish()
-    }
-}
+luna_platform::debug_fields!(DrivenClock, |driven| clock: driven.0.clock);
 
 /// Moves the time of a system, step by step: the simulator's side of lock-step co-simulation.
 ///
@@ -248,10 +243,4 @@ impl Drop for ClockDriver {
     }
 }
 
-impl fmt::Debug for ClockDriver {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ClockDriver")
-            .field("now", &self.now())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(ClockDriver, |driver| now: driver.now());

@@ -39,7 +39,6 @@ use crate::process::ProcessRegistry;
 use luna_core::current::ProcessId;
 use luna_platform::thread::{Attributes, SpawnError, Thread};
 use std::convert::Infallible;
-use std::fmt;
 use std::sync::Arc;
 
 /// How the time of a [`Simulation`] moves.
@@ -161,18 +160,6 @@ impl Drop for Simulation {
     }
 }
 
-impl fmt::Debug for Simulation {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Simulation")
-            .field("clock", &self.stage.clock())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Simulation, |simulation| clock: simulation.stage.clock());
 
-impl fmt::Debug for SimulationHandle {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("SimulationHandle")
-            .field(&self.clock())
-            .finish()
-    }
-}
+luna_platform::debug_fields!(SimulationHandle, |handle| clock: handle.clock());

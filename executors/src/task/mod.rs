@@ -153,7 +153,7 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
         let level = record.level();
         // In its place, where nothing is dropped: what was there says how it was built.
         let place = (&raw mut (*head).process).cast::<Process>();
-        let (id, executor_id) = (record.id(), shared.executor_id);
+        let (id, executor_id) = (record.id, shared.executor_id);
         place.write(Process::new(
             id,
             executor_id,
@@ -173,7 +173,7 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
             }
         }
         this.record.set_process(NonNull::from(&*this.process));
-        let (id, name) = (this.record.id(), || this.record.name().to_owned());
+        let (id, name) = (this.record.id, || (*this.record.name).to_owned());
         events::name_process(id.get(), level, name);
         this.process.ready_at(level, QueueEnd::Back);
     }
@@ -233,7 +233,7 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     // SAFETY: the caller promises that the task is referred to: that keeps it, and with it its
     // executor's part that others see, even if both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
-    events::ready(|| this.record.id().get());
+    events::ready(|| this.record.id.get());
     this.shared.inbound.wake(&this.slot, level);
 }
 
@@ -279,10 +279,13 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
 unsafe fn finish_turn(task: NonNull<Task>) {
     // SAFETY: the caller promises the executor's thread and a task whose turn is just over. Only
     // the calls below, each of them last, retire such a task: until then it is live. A body that
-    // ended while its task was queued has had that turn, so its task is queued no more.
+    // ended while its task was queued has had that turn, so its task is queued no more. The poll is
+    // over, so nothing else accesses a body that has not ended, as `abandon` requires.
     unsafe {
         let process = &task.as_ref().process;
-        end_failed(task);
+        if process.has_failed() && !process.has_ended() {
+            (task.as_ref().methods().abandon)(task, Abandoned::Failed);
+        }
         process.end_turn();
         let notices = process.notices();
         if !process.has_ended() {
@@ -294,24 +297,6 @@ unsafe fn finish_turn(task: NonNull<Task>) {
         } else {
             end_turns();
             retire(task);
-        }
-    }
-}
-
-/// Ends the body of a process that has failed in this turn, if it has not ended by itself.
-///
-/// # Safety
-///
-/// As for [`finish_turn`]: this is its executor's thread, and the task has had its turn just now,
-/// which is not over.
-unsafe fn end_failed(task: NonNull<Task>) {
-    // SAFETY: the caller promises the executor's thread and a task whose turn was just now. Its
-    // poll is over, so nothing else accesses the body, which has not ended: `abandon` requires just
-    // that.
-    unsafe {
-        let this = task.as_ref();
-        if this.process.has_failed() && !this.process.has_ended() {
-            (this.methods().abandon)(task, Abandoned::Failed);
         }
     }
 }

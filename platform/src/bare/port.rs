@@ -1,8 +1,7 @@
 //! What a chip, or a simulated one, gives LUNA.
 
+use super::once::OnceLock;
 use crate::clock::Instant;
-use core::cell::UnsafeCell;
-use core::sync::atomic::{AtomicBool, Ordering};
 
 /// The clock and the idling of one CPU.
 ///
@@ -29,15 +28,8 @@ pub trait Port: Sync {
     fn is_interrupt(&self) -> bool;
 }
 
-/// The installed port: written once, before `IS_INSTALLED` is set.
-struct Installed(UnsafeCell<Option<&'static dyn Port>>);
-
-// SAFETY: it is written in a critical section while `IS_INSTALLED` is not set, by the one caller
-// that finds it empty, and is read only once that is set. A port is `Sync`.
-unsafe impl Sync for Installed {}
-
-static INSTALLED: Installed = Installed(UnsafeCell::new(None));
-static IS_INSTALLED: AtomicBool = AtomicBool::new(false);
+/// The installed port.
+static INSTALLED: OnceLock<&'static dyn Port> = OnceLock::new();
 
 /// Makes `port` that of the program: once, before anything else of LUNA is called. O(1).
 ///
@@ -57,27 +49,14 @@ static IS_INSTALLED: AtomicBool = AtomicBool::new(false);
 ///   until after its end, and one that is made in a section is dropped in it. Channels and executors
 ///   give no guard to their users, so this concerns programs that use these locks themselves.
 pub unsafe fn install(port: &'static dyn Port) {
-    let is_first = critical_section::with(|_| {
-        let is_first = !IS_INSTALLED.load(Ordering::Relaxed);
-        if is_first {
-            // SAFETY: nothing reads it before it is marked as installed, and nothing else writes
-            // it: this is a critical section.
-            unsafe { *INSTALLED.0.get() = Some(port) };
-            IS_INSTALLED.store(true, Ordering::Release);
-        }
-        is_first
-    });
+    let is_first = INSTALLED.set(port).is_ok();
     assert!(is_first, "a port is installed already");
 }
 
 /// The port, if there is one.
 #[inline]
 pub(super) fn installed() -> Option<&'static dyn Port> {
-    if !IS_INSTALLED.load(Ordering::Acquire) {
-        return None;
-    }
-    // SAFETY: it was written before it was marked as installed, and is never written again.
-    unsafe { *INSTALLED.0.get() }
+    INSTALLED.get().copied()
 }
 
 /// The port.

@@ -53,6 +53,4 @@ impl Synchronization {
 ///     assert!(now > 0);
 /// }
 /// ```
-pub fn tai_nanos() -> Result<u64> {
-    crate::backend::clock::tai_nanos()
-}
+pub use crate::backend::clock::tai_nanos;

@@ -1,7 +1,6 @@
 //! Where facts are read from: this machine's files, or a copy of another's.
 
 use crate::backend::facts as backend;
-use std::fmt;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -159,7 +158,8 @@ impl Source {
 }
 
 /// A file that could not be read.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{file} {reason}")]
 #[non_exhaustive]
 pub struct Unread {
     /// Its path, as on the machine that it is of.
@@ -169,18 +169,23 @@ pub struct Unread {
 }
 
 /// Why a file could not be read.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnreadReason {
     /// There is none: another kernel, a container, or nothing of the kind on this machine.
+    #[error("does not exist")]
     Missing,
     /// This process may not read it.
+    #[error("may not be opened by this user")]
     NotPermitted,
     /// It has not the form that it should have.
+    #[error("has an unknown form")]
     Malformed,
     /// This backend knows no such files.
+    #[error("is not read by the portable backend")]
     Unsupported,
     /// Another error of the system.
+    #[error("cannot be read: {message}")]
     Other {
         /// Its words.
         message: String,
@@ -196,23 +201,6 @@ impl Unread {
         }
     }
 }
-
-impl fmt::Display for Unread {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let file = &self.file;
-        match &self.reason {
-            UnreadReason::Missing => write!(f, "{file} does not exist"),
-            UnreadReason::NotPermitted => write!(f, "{file} may not be opened by this user"),
-            UnreadReason::Malformed => write!(f, "{file} has an unknown form"),
-            UnreadReason::Unsupported => {
-                write!(f, "the portable backend does not read {file}")
-            }
-            UnreadReason::Other { message } => write!(f, "{file}: {message}"),
-        }
-    }
-}
-
-impl std::error::Error for Unread {}
 
 impl From<std::io::Error> for UnreadReason {
     fn from(error: std::io::Error) -> Self {

@@ -1,5 +1,6 @@
 use crate::clock::Synchronization;
 use crate::path::{self, Call};
+use nix::time::{ClockId, clock_gettime};
 use std::io::{Error, Result};
 use std::time::Duration;
 
@@ -25,13 +26,9 @@ pub(crate) fn timespec(nanos: u64) -> libc::timespec {
 }
 
 /// `CLOCK_TAI` in nanoseconds.
-pub(crate) fn tai_nanos() -> Result<u64> {
-    let mut now = timespec(0);
-    // SAFETY: `now` is a valid timespec to write to.
-    match unsafe { libc::clock_gettime(libc::CLOCK_TAI, &mut now) } {
-        0 => Ok(now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64),
-        _ => Err(Error::last_os_error()),
-    }
+pub fn tai_nanos() -> Result<u64> {
+    let now = clock_gettime(ClockId::CLOCK_TAI)?;
+    Ok(now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)
 }
 
 /// Reads the kernel's state of synchronization, and changes nothing.

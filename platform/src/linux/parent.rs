@@ -9,15 +9,22 @@ use nix::unistd::getppid;
 use std::io;
 use std::os::fd::{AsFd, FromRawFd, OwnedFd};
 
+/// Watches the process that is this one's parent.
 #[derive(Debug)]
-pub(crate) struct Watch {
+pub struct ParentWatch {
     /// None: it had ended before there was a descriptor.
     parent: Option<OwnedFd>,
     stop: EventFd,
 }
 
-impl Watch {
-    pub(crate) fn new() -> io::Result<Self> {
+impl ParentWatch {
+    /// Watches the parent, from now on; one that ends at this very moment is seen too. Not for the
+    /// real-time path.
+    ///
+    /// # Errors
+    ///
+    /// The system cannot watch a process: Linux does from 5.3.
+    pub fn new() -> io::Result<Self> {
         let stop = EventFd::from_flags(EfdFlags::EFD_CLOEXEC)?;
         let parent = getppid();
         // SAFETY: a plain system call; what it returns is a new descriptor, or an error.
@@ -39,7 +46,10 @@ impl Watch {
         })
     }
 
-    pub(crate) fn wait(&self) -> Watched {
+    /// Blocks until the parent has ended, or [`stop`](Self::stop) was called. If the true parent
+    /// ended before the watch began, another process has taken its place: the end of that one is
+    /// not seen.
+    pub fn wait(&self) -> Watched {
         let Some(parent) = &self.parent else {
             return Watched::HasEnded;
         };
@@ -63,7 +73,8 @@ impl Watch {
         }
     }
 
-    pub(crate) fn stop(&self) {
+    /// Ends the wait, from any thread, for good.
+    pub fn stop(&self) {
         // It fails only when the count is at its end, and then it is not zero.
         let _ = self.stop.write(1);
     }

@@ -16,7 +16,6 @@ use nix::unistd::{Pid, getpid, gettid};
 use std::ffi::CString;
 use std::fs;
 use std::sync::OnceLock;
-use std::time::Duration;
 
 /// The calling thread, for calls that take a thread id.
 const MYSELF: Pid = Pid::from_raw(0);
@@ -48,18 +47,21 @@ pub(crate) fn remember_process() {
     initial_mask();
 }
 
-pub(crate) fn available_cores() -> Vec<usize> {
+/// The cores of unpinned threads.
+pub fn available_cores() -> Vec<usize> {
     let mask = initial_mask();
     (0..CpuSet::count())
         .filter(|&core| mask.is_set(core).unwrap_or(false))
         .collect()
 }
 
-pub(crate) fn current_core() -> Option<usize> {
+/// The core of this thread.
+pub fn current_core() -> Option<usize> {
     nix::sched::sched_getcpu().ok()
 }
 
-pub(crate) fn current_policy() -> Policy {
+/// The policy of this thread.
+pub fn current_policy() -> Policy {
     // It cannot fail for the calling thread.
     let (policy, priority) = scheduler(0).unwrap_or((libc::SCHED_OTHER, 0));
     let priority = priority as u8;
@@ -137,13 +139,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     // Refused by no kernel since 2.6.28; without it, sleeps of ordinary threads end 50 µs later.
     let _ = prctl::set_timerslack(1);
 
-    let mut obtained = Obtained {
-        policy: Policy::Other,
-        core: None,
-        stack_size: attributes.stack_size,
-        spin_before_sleep: Duration::ZERO,
-        shortfalls: Vec::new(),
-    };
+    let mut obtained = Obtained::stack_of(attributes);
     match attributes.core.map(|core| (core, pin(core))) {
         Some((core, Ok(()))) => obtained.core = Some(core),
         Some((core, Err(why))) => {
@@ -152,19 +148,14 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
         }
         None => unpin(),
     }
-    if let Some(stack) = stack() {
-        obtained.stack_size = stack.size;
-        touch_stack(stack.lowest, attributes.stack_size);
+    if let Some((lowest, size)) = stack() {
+        obtained.stack_size = size;
+        touch_stack(lowest, attributes.stack_size);
     }
     // Last, since the pages above are better fetched as an ordinary thread.
     if let Err(why) = set_policy(attributes.policy) {
-        obtained.refused(
-            attributes.mode,
-            Shortfall::Policy {
-                asked: attributes.policy,
-                why,
-            },
-        )?;
+        let asked = attributes.policy;
+        obtained.refused(attributes.mode, Shortfall::Policy { asked, why })?;
         // From what it had before to none is always allowed.
         let _ = set_policy(Policy::Other);
     }
@@ -220,8 +211,8 @@ fn why_no_core(core: usize) -> CoreRefusal {
     }
 }
 
-/// Lets the calling thread run where the process could from its start.
-pub(crate) fn unpin() {
+/// Lets this thread run on all cores of the process.
+pub fn unpin() {
     if sched_setaffinity(MYSELF, initial_mask()).is_err() {
         // The control group has other cores by now. All of them, then: the kernel keeps those that
         // are allowed.
@@ -290,14 +281,8 @@ fn zeroed_parameter() -> libc::sched_param {
     unsafe { std::mem::zeroed() }
 }
 
-struct Stack {
-    /// The lowest address that may be used, above the guard.
-    lowest: usize,
-    size: usize,
-}
-
-/// The calling thread's stack, without its guard.
-fn stack() -> Option<Stack> {
+/// The calling thread's stack: the lowest address above its guard, and its size.
+fn stack() -> Option<(usize, usize)> {
     // SAFETY: the attributes are written by the first call, read by the second only if it
     // succeeded, and then released.
     unsafe {
@@ -309,10 +294,7 @@ fn stack() -> Option<Stack> {
         let mut size = 0;
         let outcome = libc::pthread_attr_getstack(attributes.as_ptr(), &mut lowest, &mut size);
         libc::pthread_attr_destroy(attributes.as_mut_ptr());
-        (outcome == 0).then_some(Stack {
-            lowest: lowest as usize,
-            size,
-        })
+        (outcome == 0).then_some((lowest as usize, size))
     }
 }
 

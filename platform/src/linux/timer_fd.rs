@@ -4,7 +4,6 @@ use crate::clock::Instant;
 use crate::path::{self, Call};
 use crate::timer_fd::TimerError;
 use nix::errno::Errno;
-use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd as SysTimer, TimerFlags, TimerSetTimeFlags};
 use std::os::fd::{AsFd, BorrowedFd};
 
@@ -55,7 +54,13 @@ impl TimerFd {
             return path::expected(Call::ArmTimer, || self.timer.unset())
                 .map_err(refused("timerfd_settime"));
         }
-        self.set(Expiration::OneShot(time_spec(deadline.as_nanos())))
+        // At least 1 ns, since 0 would disarm.
+        let time = super::clock::timespec(deadline.as_nanos().max(1)).into();
+        path::expected(Call::ArmTimer, || {
+            let absolute = TimerSetTimeFlags::TFD_TIMER_ABSTIME;
+            self.timer.set(Expiration::OneShot(time), absolute)
+        })
+        .map_err(refused("timerfd_settime"))
     }
 
     /// Waits until it expires, if it has not since it was last waited for or armed.
@@ -75,25 +80,12 @@ impl TimerFd {
             }
         }
     }
-
-    fn set(&self, expiration: Expiration) -> Result<(), TimerError> {
-        path::expected(Call::ArmTimer, || {
-            self.timer
-                .set(expiration, TimerSetTimeFlags::TFD_TIMER_ABSTIME)
-        })
-        .map_err(refused("timerfd_settime"))
-    }
 }
 
 impl AsFd for TimerFd {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.timer.as_fd()
     }
-}
-
-/// A time as the kernel takes it, at least 1 ns, since 0 would disarm.
-fn time_spec(nanos: u64) -> TimeSpec {
-    super::clock::timespec(nanos.max(1)).into()
 }
 
 fn refused(call: &'static str) -> impl Fn(Errno) -> TimerError {

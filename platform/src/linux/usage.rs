@@ -24,7 +24,8 @@ pub(crate) fn of_current_thread() -> Option<ThreadUsage> {
     path::expected(Call::Account, counted)
 }
 
-pub(crate) fn processor_time() -> Option<Duration> {
+/// The time that this thread has run.
+pub fn processor_time() -> Option<Duration> {
     path::expected(Call::Account, read_clock)
 }
 

@@ -1,44 +1,8 @@
 //! loom's clock, lock and wait: what the protocols are checked on. There are no threads' attributes
 //! and no files here.
 
-pub mod boost {
-    //! Threads have no priorities in a model.
-
-    /// A thread, and what it runs under without inheritance.
-    #[derive(Debug)]
-    pub struct Scheduling;
-
-    /// That of the calling thread.
-    pub fn scheduling() -> Scheduling {
-        Scheduling
-    }
-
-    /// That of the same thread, read again.
-    pub fn scheduling_again(_: &Scheduling) -> Scheduling {
-        Scheduling
-    }
-
-    impl Scheduling {
-        /// The real-time priority; 0 without one.
-        pub fn rank(&self) -> u8 {
-            0
-        }
-    }
-
-    /// Lets the thread run at this priority.
-    ///
-    /// # Errors
-    ///
-    /// The system's number for why it refused.
-    pub fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
-        Ok(())
-    }
-
-    /// Lets the thread run under what was its own.
-    pub fn restore(_: &Scheduling) -> Result<(), i32> {
-        Ok(())
-    }
-}
+#[path = "../portable/boost.rs"]
+pub mod boost;
 
 pub(crate) mod clock {
     /// Time stands still in a model: deadlines never come.

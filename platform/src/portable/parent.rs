@@ -1,22 +1,33 @@
 //! The standard library knows no parent.
 
 use crate::parent::Watched;
+use std::convert::Infallible;
 use std::io;
 
+/// Watches the parent. This backend cannot: [`new`](Self::new) fails.
 #[derive(Debug)]
-pub(crate) enum Watch {}
+pub struct ParentWatch {
+    never: Infallible,
+}
 
-impl Watch {
-    pub(crate) fn new() -> io::Result<Self> {
+impl ParentWatch {
+    /// Fails.
+    ///
+    /// # Errors
+    ///
+    /// Always.
+    pub fn new() -> io::Result<Self> {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    pub(crate) fn wait(&self) -> Watched {
-        match *self {}
+    /// There is none to wait for.
+    pub fn wait(&self) -> Watched {
+        match self.never {}
     }
 
-    pub(crate) fn stop(&self) {
-        match *self {}
+    /// There is none to be stopped.
+    pub fn stop(&self) {
+        match self.never {}
     }
 }
 

@@ -25,12 +25,7 @@ impl Reactor {
     /// # Errors
     ///
     /// Cannot be called.
-    pub fn register(
-        &self,
-        _fd: BorrowedFd<'_>,
-        _token: u64,
-        _interest: Interest,
-    ) -> Result<(), ReactorError> {
+    pub fn register(&self, _: BorrowedFd<'_>, _: u64, _: Interest) -> Result<(), ReactorError> {
         match self.never {}
     }
 
@@ -39,12 +34,7 @@ impl Reactor {
     /// # Errors
     ///
     /// Cannot be called.
-    pub fn rearm(
-        &self,
-        _fd: BorrowedFd<'_>,
-        _token: u64,
-        _interest: Interest,
-    ) -> Result<(), ReactorError> {
+    pub fn rearm(&self, _: BorrowedFd<'_>, _: u64, _: Interest) -> Result<(), ReactorError> {
         match self.never {}
     }
 
@@ -64,8 +54,8 @@ impl Reactor {
     /// Cannot be called.
     pub fn wait(
         &self,
-        _deadline: Instant,
-        _on_ready: &mut dyn FnMut(u64, Readiness),
+        _: Instant,
+        _: &mut dyn FnMut(u64, Readiness),
     ) -> Result<Ended, ReactorError> {
         match self.never {}
     }

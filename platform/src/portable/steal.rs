@@ -4,16 +4,26 @@ use std::convert::Infallible;
 use std::path::Path;
 use std::time::Duration;
 
-pub(crate) type Source = Infallible;
-
-pub(crate) fn open() -> Option<Source> {
-    None
+/// Reads the stolen time. This backend cannot: [`open`](Self::open) gives nothing.
+#[derive(Debug)]
+pub struct StealMeter {
+    never: Infallible,
 }
 
-pub(crate) fn open_at(_: &Path) -> Option<Source> {
-    None
-}
+impl StealMeter {
+    /// Gives nothing.
+    pub fn open() -> Option<StealMeter> {
+        None
+    }
 
-pub(crate) fn read(source: &mut Source) -> Option<Vec<(usize, Duration)>> {
-    match *source {}
+    /// Gives nothing.
+    #[doc(hidden)]
+    pub fn open_at(_: &Path) -> Option<StealMeter> {
+        None
+    }
+
+    /// There is none to be read.
+    pub fn read(&mut self) -> Vec<(usize, Duration)> {
+        match self.never {}
+    }
 }

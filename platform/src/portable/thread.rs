@@ -4,7 +4,6 @@
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
 use crate::thread::{Attributes, Obtained, Policy};
 use std::marker::PhantomData;
-use std::time::Duration;
 
 /// Nothing here can be inherited.
 pub(crate) fn remember_process() {}
@@ -34,49 +33,37 @@ pub(crate) fn promote(_number: i32, _policy: Policy) {}
 /// Threads have no priorities here.
 pub(crate) fn demote(_number: i32) {}
 
-pub(crate) fn unpin() {}
+/// Lets this thread run on all cores of the process.
+pub fn unpin() {}
 
 /// Applies the attributes to the calling thread: reports those that it cannot have. Its stack is
 /// not touched, since its bounds are unknown.
 pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
-    let mut obtained = Obtained {
-        policy: Policy::Other,
-        core: None,
-        stack_size: attributes.stack_size,
-        spin_before_sleep: Duration::ZERO,
-        shortfalls: Vec::new(),
-    };
-    if let Some(core) = attributes.core {
-        obtained.refused(
-            attributes.mode,
-            Shortfall::Core {
-                asked: core,
-                why: CoreRefusal::Unsupported,
-            },
-        )?;
+    let mut obtained = Obtained::stack_of(attributes);
+    if let Some(asked) = attributes.core {
+        let why = CoreRefusal::Unsupported;
+        obtained.refused(attributes.mode, Shortfall::Core { asked, why })?;
     }
-    if attributes.policy.is_real_time() {
+    let asked = attributes.policy;
+    if asked.is_real_time() {
         let why = PolicyRefusal::Unsupported;
-        obtained.refused(
-            attributes.mode,
-            Shortfall::Policy {
-                asked: attributes.policy,
-                why,
-            },
-        )?;
+        obtained.refused(attributes.mode, Shortfall::Policy { asked, why })?;
     }
     attributes.settle_spin(&mut obtained)?;
     Ok(obtained)
 }
 
-pub(crate) fn current_policy() -> Policy {
+/// The policy of this thread.
+pub fn current_policy() -> Policy {
     Policy::Other
 }
 
-pub(crate) fn current_core() -> Option<usize> {
+/// The core of this thread.
+pub fn current_core() -> Option<usize> {
     None
 }
 
-pub(crate) fn available_cores() -> Vec<usize> {
+/// The cores of unpinned threads.
+pub fn available_cores() -> Vec<usize> {
     (0..std::thread::available_parallelism().map_or(1, usize::from)).collect()
 }

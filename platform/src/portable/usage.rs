@@ -9,6 +9,7 @@ pub(crate) fn of_current_thread() -> Option<ThreadUsage> {
     None
 }
 
-pub(crate) fn processor_time() -> Option<Duration> {
+/// The time that this thread has run.
+pub fn processor_time() -> Option<Duration> {
     None
 }

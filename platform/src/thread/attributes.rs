@@ -193,40 +193,28 @@ impl Attributes {
         } else {
             self.policy.validate_user()
         };
-        checked.map_err(|error| AttributeError::Policy {
-            name: self.name.clone(),
-            error,
-        })?;
+        let name = self.name.clone();
+        if let Err(error) = checked {
+            return Err(AttributeError::Policy { name, error });
+        }
         if let Some(core) = self.core
             && self.policy.is_deadline()
         {
-            return Err(AttributeError::PinnedDeadline {
-                name: self.name.clone(),
-                core,
-            });
+            return Err(AttributeError::PinnedDeadline { name, core });
         }
-        if self.stack_size < MINIMUM_STACK_SIZE {
-            return Err(AttributeError::StackTooSmall {
-                name: self.name.clone(),
-                asked: self.stack_size,
-            });
+        let asked = self.stack_size;
+        if asked < MINIMUM_STACK_SIZE {
+            return Err(AttributeError::StackTooSmall { name, asked });
         }
-        if self.stack_size > MAXIMUM_STACK_SIZE {
-            return Err(AttributeError::StackTooLarge {
-                name: self.name.clone(),
-                asked: self.stack_size,
-            });
+        if asked > MAXIMUM_STACK_SIZE {
+            return Err(AttributeError::StackTooLarge { name, asked });
         }
-        if self.spin > spin::LONGEST {
-            return Err(AttributeError::SpinTooLong {
-                name: self.name.clone(),
-                asked: self.spin,
-            });
+        let asked = self.spin;
+        if asked > spin::LONGEST {
+            return Err(AttributeError::SpinTooLong { name, asked });
         }
-        if self.name.contains('\0') {
-            return Err(AttributeError::ZeroInName {
-                name: self.name.clone(),
-            });
+        if name.contains('\0') {
+            return Err(AttributeError::ZeroInName { name });
         }
         Ok(())
     }
@@ -239,9 +227,8 @@ impl Attributes {
     pub fn validate_shared(&self) -> Result<(), AttributeError> {
         self.validate()?;
         if self.policy.is_deadline() {
-            return Err(AttributeError::SharedDeadline {
-                name: self.name.clone(),
-            });
+            let name = self.name.clone();
+            return Err(AttributeError::SharedDeadline { name });
         }
         Ok(())
     }
@@ -337,6 +324,17 @@ pub struct Obtained {
 }
 
 impl Obtained {
+    /// Nothing of `attributes` but the stack.
+    pub(crate) fn stack_of(attributes: &Attributes) -> Self {
+        Self {
+            policy: Policy::Other,
+            core: None,
+            stack_size: attributes.stack_size,
+            spin_before_sleep: Duration::ZERO,
+            shortfalls: Vec::new(),
+        }
+    }
+
     /// Notes a refusal, or makes it the error under [`Mode::Strict`].
     pub(crate) fn refused(&mut self, mode: Mode, shortfall: Shortfall) -> Result<(), Shortfall> {
         match mode {
@@ -394,11 +392,8 @@ mod tests {
         let time = Duration::from_micros(50);
         let settled = |attributes: &Attributes, core| {
             let mut obtained = Obtained {
-                policy: Policy::Other,
                 core,
-                stack_size: DEFAULT_STACK_SIZE,
-                spin_before_sleep: Duration::ZERO,
-                shortfalls: Vec::new(),
+                ..Obtained::stack_of(attributes)
             };
             let settled = attributes.settle_spin(&mut obtained);
             settled.map(|()| (obtained.spin_before_sleep, obtained.shortfalls))

@@ -169,15 +169,11 @@ pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, SpawnError>
 /// The policy that the calling thread runs under, as the system says. Policies without a variant of
 /// their own (batch, idle) are reported as [`Policy::Other`]. Two system calls, and a third for a
 /// deadline policy.
-pub fn current_policy() -> Policy {
-    backend::current_policy()
-}
+pub use backend::current_policy;
 
 /// The core that the calling thread runs on at this moment, if the system reports it. No system
 /// call with a vDSO.
-pub fn current_core() -> Option<usize> {
-    backend::current_core()
-}
+pub use backend::current_core;
 
 /// The cores that threads of this process may run on, ascending: the mask that unpinned threads
 /// made here get.
@@ -190,9 +186,7 @@ pub fn current_core() -> Option<usize> {
 /// ```
 /// assert!(!luna_platform::thread::available_cores().is_empty());
 /// ```
-pub fn available_cores() -> Vec<usize> {
-    backend::available_cores()
-}
+pub use backend::available_cores;
 
 /// The system's number of a thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -215,9 +209,7 @@ pub fn current_number() -> ThreadNumber {
 /// ```
 /// luna_platform::thread::unpin_current();
 /// ```
-pub fn unpin_current() {
-    backend::unpin();
-}
+pub use backend::unpin as unpin_current;
 
 /// Gives another thread a policy with a fixed priority, if the program is allowed to: for a thread
 /// that waits as an ordinary one until it is needed. One system call, async-signal-safe. Does

@@ -15,7 +15,6 @@ use crate::current::run_queue::Link;
 use crate::events;
 use core::any::Any;
 use core::cell::{Cell, UnsafeCell};
-use core::fmt;
 use core::ops::Range;
 use core::ptr::{self, NonNull};
 use core::task::{Context, Waker};
@@ -47,17 +46,20 @@ pub struct Methods {
 /// Polls a process in its turn: see [`Methods::poll`].
 pub type Poll = unsafe fn(NonNull<()>, &mut Context<'_>);
 
-/// The state of a process, seen from any thread.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Activity {
-    /// It was never readied.
-    New,
-    /// It waits for its turn.
+/// What a process is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ProcessState {
+    /// Made, and not started yet.
+    Created,
+    /// Able to run, and waiting for its executor.
     Ready,
-    /// It is being polled.
+    /// Running.
     Running,
-    /// It waits for something else.
+    /// Waiting for a communication, a deadline, or another event.
     Waiting,
+    /// Ended, in any way.
+    Ended,
 }
 
 /// How a process is woken.
@@ -451,11 +453,4 @@ impl Process {
     }
 }
 
-impl fmt::Debug for Process {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Process")
-            .field("id", &self.id)
-            .field("priority", &self.priority())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Process, |process| id: process.id, priority: process.priority());

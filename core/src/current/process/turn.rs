@@ -1,6 +1,6 @@
 //! How a process becomes ready, has its turn, and yields: changes of its state by its executor.
 
-use super::{Activity, Process, QueueEnd};
+use super::{Process, ProcessState, QueueEnd};
 use crate::current::run_queue::Link;
 use crate::current::turn::{PlainTurn, process};
 use crate::current::{local, ready};
@@ -301,13 +301,14 @@ impl Process {
         self.state.store(now | state::ENDED, Ordering::Relaxed);
     }
 
-    /// Its state, from any thread that holds a reference.
-    pub fn activity(&self) -> Activity {
+    /// Its state, from any thread that holds a reference, as long as it is polled: the caller knows
+    /// whether it has ended.
+    pub fn activity(&self) -> ProcessState {
         match self.state.load(Ordering::Relaxed) {
-            now if now & state::RUNNING != 0 => Activity::Running,
-            now if now & state::QUEUED != 0 => Activity::Ready,
-            now if now & state::NEW != 0 => Activity::New,
-            _ => Activity::Waiting,
+            now if now & state::RUNNING != 0 => ProcessState::Running,
+            now if now & state::QUEUED != 0 => ProcessState::Ready,
+            now if now & state::NEW != 0 => ProcessState::Created,
+            _ => ProcessState::Waiting,
         }
     }
 

@@ -1,6 +1,6 @@
 //! How a process has ended, and the exit value until it is taken.
 
-use super::{Beside, Record};
+use super::Record;
 use crate::process::exit_value::{ErasedExitValue, ExitValue};
 use crate::process::join::JoinNode;
 use crate::process::{Exit, panic_message};
@@ -8,7 +8,7 @@ use alloc::boxed::Box;
 use alloc::string::String;
 use core::any::Any;
 use core::sync::atomic::Ordering;
-use luna_core::events;
+use luna_core::events::{self, code::ended};
 
 /// How it ended, before any query: the message of a panic is made off the real-time path.
 pub(crate) enum RawExit {
@@ -47,8 +47,8 @@ impl Record {
     #[cold]
     #[inline(never)]
     pub(in crate::process) fn panicked(&self) -> Exit {
-        Exit::Panicked(match &self.shown.lock().beside {
-            Beside::Panic(payload) => panic_message(&**payload),
+        Exit::Panicked(match &self.shown.lock().exit {
+            RawExit::Panicked(payload) => panic_message(&**payload),
             _ => String::new(),
         })
     }
@@ -66,16 +66,16 @@ impl Record {
     pub(in crate::process) fn take_stored_exit_value<O: ExitValue>(&self) -> Option<O> {
         let mut shown = self.shown.lock();
         // Checked in place: if they were taken out and put back, they would be missing meanwhile.
-        let value = match &shown.beside {
-            Beside::ExitValue(value) if value.are::<O>() => {
-                core::mem::replace(&mut shown.beside, Beside::Nothing)
+        let exit = match &shown.exit {
+            RawExit::Value(value) if value.are::<O>() => {
+                core::mem::replace(&mut shown.exit, RawExit::Completed)
             }
             _ => return None,
         };
         drop(shown);
         // Outside of the lock: it frees.
-        match value {
-            Beside::ExitValue(value) => value.take().ok(),
+        match exit {
+            RawExit::Value(value) => value.take().ok(),
             _ => None,
         }
     }
@@ -84,26 +84,14 @@ impl Record {
     pub(crate) fn finish(&self, exit: RawExit) {
         let mut shown = self.shown.lock();
         debug_assert!(!self.has_ended());
-        events::done(
-            self.id.get(),
-            match exit {
-                RawExit::Completed | RawExit::Value(_) => events::code::ended::OK,
-                RawExit::Cancelled => events::code::ended::CANCELLED,
-                RawExit::Panicked(_) => events::code::ended::PANICKED,
-            },
-        );
-        let outcome = match exit {
-            RawExit::Completed => Outcome::COMPLETED,
-            RawExit::Value(value) => {
-                shown.beside = Beside::ExitValue(value);
-                Outcome::WITH_VALUE
-            }
-            RawExit::Cancelled => Outcome::CANCELLED,
-            RawExit::Panicked(payload) => {
-                shown.beside = Beside::Panic(payload);
-                Outcome::PANICKED
-            }
+        let (outcome, event) = match &exit {
+            RawExit::Completed => (Outcome::COMPLETED, ended::OK),
+            RawExit::Value(_) => (Outcome::WITH_VALUE, ended::OK),
+            RawExit::Cancelled => (Outcome::CANCELLED, ended::CANCELLED),
+            RawExit::Panicked(_) => (Outcome::PANICKED, ended::PANICKED),
         };
+        events::done(self.id.get(), event);
+        shown.exit = exit;
         // No further query to the process itself can come. SAFETY: the lock is held.
         unsafe { self.seen.forget() };
         self.outcome.store(outcome, Ordering::Release);
@@ -113,20 +101,16 @@ impl Record {
             let is_last = shown.joining.is_empty();
             // SAFETY: a node in the list is live and guarded by the lock that is held; its join
             // uses it no more once it is not listed.
-            let ready = unsafe {
+            let wake_handle = unsafe {
                 let node = node.cast::<JoinNode>().as_ptr();
-                let ready = (*node)
-                    .wait
-                    .wake_handle_mut()
-                    .take()
-                    .map(|wake_handle| wake_handle.take());
+                let wake_handle = (*node).wait.wake_handle_mut().take();
                 (*node).listed.store(false, Ordering::Release);
-                ready
+                wake_handle
             };
             drop(shown);
-            if let Some(ready) = ready {
+            if let Some(wake_handle) = wake_handle {
                 // The other waiters are notified all the same.
-                ready.wake_contained();
+                wake_handle.take().wake_contained();
             }
             if is_last {
                 return;

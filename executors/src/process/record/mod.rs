@@ -13,19 +13,18 @@ use crate::process::registry::ProcessRegistry;
 use crate::process::{Name, ProcessSpec, ProcessState};
 use alloc::boxed::Box;
 use alloc::sync::Arc;
-use core::fmt;
 use core::ops::Range;
 use core::ptr::NonNull;
 pub(in crate::process) use end::Outcome;
 use luna_core::biased_lock::BiasedLock;
-use luna_core::current::{Activity, LEVELS, Process, ProcessId};
+use luna_core::current::{LEVELS, Process, ProcessId};
 use luna_core::deferred_free::Retired;
 use luna_core::replay_log::LogInstaller;
 use luna_core::{events, path};
 use luna_platform::clock::Instant;
 use luna_platform::sync::plain::{AtomicBool, AtomicPtr, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use reference::free_boxed;
-use shown::{Beside, Seen};
+use shown::Seen;
 
 /// Flags for the end of a process, stored beside its level.
 pub(in crate::process) struct How;
@@ -60,12 +59,12 @@ pub(crate) struct Record {
     /// First, so that a pointer to it is one to the record. Its link is that of the list of what is
     /// not built yet, and later of the list of what has ended.
     retired: Retired,
-    pub(in crate::process) name: Name,
+    pub(crate) name: Name,
     seen: Seen,
     /// If its polls are timed, also if only the poll monitor needs that.
     timing: Option<Box<Timing>>,
     references: AtomicU32,
-    pub(in crate::process) id: ProcessId,
+    pub(crate) id: ProcessId,
     /// Its level, and [how](How) it ends.
     level_and_how: u8,
     /// One of [`Outcome`].
@@ -101,11 +100,7 @@ impl Default for Timing {
     }
 }
 
-impl fmt::Debug for Timing {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Timing").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Timing, |timing| asked: timing.asked);
 
 impl Record {
     /// The record of a process that counts as living, with so many references, in memory that
@@ -239,14 +234,6 @@ impl Record {
         !self.is(How::UNHURRIED) || matches!(outcome, Outcome::CANCELLED | Outcome::PANICKED)
     }
 
-    pub(crate) fn id(&self) -> ProcessId {
-        self.id
-    }
-
-    pub(crate) fn name(&self) -> &str {
-        &self.name
-    }
-
     #[inline]
     pub(crate) fn level(&self) -> u8 {
         self.level_and_how & How::LEVEL
@@ -300,19 +287,13 @@ impl Record {
     }
 
     pub(crate) fn state(&self) -> ProcessState {
-        let shown = self.shown.lock();
+        let _shown = self.shown.lock();
         if self.has_ended() {
             return ProcessState::Ended;
         }
         // SAFETY: the lock is held.
-        let activity = unsafe { self.seen.process() }.map(Process::activity);
-        drop(shown);
-        match activity {
-            None | Some(Activity::New) => ProcessState::Created,
-            Some(Activity::Ready) => ProcessState::Ready,
-            Some(Activity::Running) => ProcessState::Running,
-            Some(Activity::Waiting) => ProcessState::Waiting,
-        }
+        let process = unsafe { self.seen.process() };
+        process.map_or(ProcessState::Created, Process::activity)
     }
 
     /// How often it was polled.
@@ -424,13 +405,7 @@ impl Record {
     }
 }
 
-impl fmt::Debug for Record {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Process")
-            .field("name", &self.name)
-            .field("id", &self.id.get())
-            .field("level", &self.level())
-            .field("state", &self.state())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    Record,
+    |record| name: record.name, id: record.id.get(), level: record.level(), state: record.state()
+);

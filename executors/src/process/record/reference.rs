@@ -71,7 +71,9 @@ impl RecordRef {
         // In the order of their ends.
         registry.report_kept();
         if let Some(record) = record {
-            registry.list_ended(record);
+            let record = record.into_raw().as_ptr().cast();
+            // SAFETY: it is owned, and not in the chain yet.
+            unsafe { registry.list_chain(record, record) };
         }
         registry.leave(in_a_hurry);
     }

@@ -1,8 +1,6 @@
 //! What a record has for the threads that wait for its process, and for those that look at it.
 
-use crate::process::exit_value::ErasedExitValue;
-use alloc::boxed::Box;
-use core::any::Any;
+use super::RawExit;
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, Ordering};
 use luna_core::current::Process;
@@ -83,23 +81,15 @@ impl Seen {
 /// State that other threads read and change.
 pub(in crate::process) struct Shown {
     pub(in crate::process) joining: WaitList,
-    pub(in crate::process) beside: Beside,
+    /// Of a process that has ended, with what is to be taken.
+    pub(in crate::process) exit: RawExit,
 }
 
 impl Shown {
     pub(in crate::process) const fn nothing() -> Self {
         Self {
             joining: WaitList::new(),
-            beside: Beside::Nothing,
+            exit: RawExit::Completed,
         }
     }
-}
-
-/// State of a process that has ended.
-pub(in crate::process) enum Beside {
-    Nothing,
-    /// The payload of its panic.
-    Panic(Box<dyn Any + Send>),
-    /// Its exit value.
-    ExitValue(ErasedExitValue),
 }
