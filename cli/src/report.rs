@@ -30,9 +30,7 @@ pub(crate) fn measurement(
         core: place.and_then(|place| place.core),
         missing: report.all_shortfalls().map(missing).collect(),
         complete: complete(report),
-        allocations: counts.allocations,
-        reallocations: counts.reallocations,
-        frees: counts.frees,
+        counts,
         loops: first
             .chain(others)
             .map(|(name, report)| one_loop(name, report))

@@ -90,9 +90,8 @@ impl<'a> Shown<'a> {
             "DEADLINE", "SLACK", "VERDICT",
         ];
         let rows = self.parts.iter().map(Part::cells);
-        let rows = std::iter::once(head.map(str::to_owned)).chain(rows);
         let mut text = format!("{}: response times, all times in us\n", self.model);
-        text += &of_rows(&[4, 5, 6, 7, 8, 9, 10, 11], rows);
+        text += &of_rows(head, &[4, 5, 6, 7, 8, 9, 10, 11], rows);
         for part in &self.parts {
             if let Some(advice) = part.advice {
                 text += &line(format!("{}: {advice}", part.name));
