@@ -1,31 +1,15 @@
 //! The command as its users meet it: what it prints, where, and its exit code.
 
 use crate::is_long;
+use crate::run::{file, luna, text};
 use serde_json::Value;
-use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
+use std::process::{Command, Stdio};
 
 /// The one JSON object that a complete run prints.
 fn json(arguments: &[&str]) -> Value {
     let output = luna(arguments);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else")
-}
-
-/// A file that this test alone has.
-fn file(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)
 }
 
 fn check_loop(report: &Value) {

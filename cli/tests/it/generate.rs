@@ -2,17 +2,14 @@
 //! by hand.
 
 use crate::is_long;
-use crate::package::{folder, lock, run_cargo, text, workspace};
+use crate::package::{folder, lock, run_cargo, workspace};
+use crate::run::{example, text};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 #[path = "../../../tools/model/tests/it/random.rs"]
 pub(crate) mod random;
-
-pub(crate) fn example(name: &str) -> PathBuf {
-    workspace().join("examples/models").join(name)
-}
 
 fn command(model: &Path, folder: &Path, options: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_luna"))

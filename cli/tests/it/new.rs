@@ -1,7 +1,8 @@
 //! `luna new`: each template compiles without a warning, passes its tests and runs, and what is
 //! there is never overwritten.
 
-use crate::package::{folder, lock, run_cargo, text, workspace};
+use crate::package::{folder, lock, run_cargo, workspace};
+use crate::run::text;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

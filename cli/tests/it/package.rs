@@ -1,5 +1,6 @@
 //! Packages that the command writes, and Cargo in them.
 
+use crate::run::text;
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,10 +9,6 @@ use std::sync::OnceLock;
 
 pub(crate) fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
-pub(crate) fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
 }
 
 fn temporary(kind: &str) -> PathBuf {

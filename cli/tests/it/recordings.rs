@@ -1,23 +1,7 @@
 //! Recordings that the demo makes, and what is asked of them in a wrong way.
 
-use std::path::PathBuf;
-use std::process::{Command, Output};
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
-
-/// A file that this test alone has.
-fn file(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)
-}
+use crate::run::{file, luna, text};
+use std::process::Command;
 
 /// Each program that reads a recording of the logger or a replay log distinguishes them.
 #[test]

@@ -1,9 +1,10 @@
 //! Counterexamples of `luna model check --replay`: generated programs follow them, or say where they
 //! depart.
 
-use crate::generate::{build, example, generate, random};
+use crate::generate::{build, generate, random};
 use crate::is_long;
-use crate::package::{folder, run_cargo, text};
+use crate::package::{folder, run_cargo};
+use crate::run::{example, text};
 use luna_model::{FindingKind, Model};
 use std::env;
 use std::fs;
@@ -22,7 +23,7 @@ fn counterexample(model: &Path, folder: &Path) -> PathBuf {
     file
 }
 
-/// What the package says of a counterexample, and its exit code.
+/// What the package says of a counterand its exit code.
 fn follow(folder: &Path, file: &Path) -> (String, Option<i32>) {
     let file = file.display().to_string();
     let output = run_cargo(folder, "run", &["--quiet", "--", "--replay", &file]);
