@@ -1,7 +1,6 @@
 //! A model file as it is written.
 
 mod costs;
-mod pieces;
 mod read;
 mod values;
 
@@ -96,6 +95,10 @@ pub(crate) enum Side {
 }
 
 /// Values from `low` to `high`, of which a variable begins with `first`.
+impl Side {
+    pub(crate) const BOTH: [Self; 2] = [Self::Send, Self::Receive];
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Range {
     pub(crate) low: Expr<Path>,
