@@ -1,6 +1,5 @@
 //! A model file as it is written.
 
-mod costs;
 mod read;
 mod values;
 
@@ -11,7 +10,6 @@ use crate::language::temporal::Formula;
 use crate::network::Buffering;
 use std::time::Duration;
 
-pub(crate) use costs::read as read_costs;
 pub(crate) use read::read;
 
 /// All that a file says.
