@@ -6,6 +6,7 @@ use super::placed::{executor, may_be_besides, open, rank};
 use super::verdict::{Found, Verdict};
 use super::{Arrivals, Costs, Demand, Known, NoBound, Task, Thread};
 use crate::network::{Edge, Executor, Label, Network, Step};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::Add;
 use std::time::Duration;
@@ -62,11 +63,12 @@ pub struct Row {
 }
 
 /// A core of the model.
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
 pub struct Core {
     /// Its host; empty if the model names none.
     pub host: String,
     /// Its number there.
+    #[serde(rename = "core")]
     pub number: u16,
     /// The share of its time that real-time threads ask for, as far as it is known.
     pub utilization: f64,
