@@ -3,7 +3,7 @@
 
 use crate::is_long;
 use crate::package::{folder, lock, run_cargo, workspace};
-use crate::run::{example, text};
+use crate::run::{example, luna_model, path, text};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -12,14 +12,7 @@ use std::process::{Command, Output};
 pub(crate) mod random;
 
 fn command(model: &Path, folder: &Path, options: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "generate"])
-        .arg(model)
-        .arg("-o")
-        .arg(folder)
-        .args(options)
-        .output()
-        .expect("the program starts")
+    luna_model(&[&["generate", path(model), "-o", path(folder)], options].concat())
 }
 
 /// What the command says of each file: `written`, `unchanged` or `kept`, and its path.

@@ -1,8 +1,7 @@
 //! `luna model`: what it prints, and its exit codes.
 
-use crate::run::{example, file, luna_model, path, text};
+use crate::run::{command, example, file, luna_model, path, text};
 use std::fs;
-use std::process::Command;
 
 #[test]
 fn check_prints_the_circle_and_exits_with_1() {
@@ -48,8 +47,8 @@ fn a_wrong_model_exits_with_2_and_its_place() {
 
 #[test]
 fn without_spin_the_exploration_runs_and_says_what_is_missing() {
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "check", "--spin", path(&example("commstime.toml"))])
+    let model = example("commstime.toml");
+    let output = command(&["model", "check", "--spin", path(&model)])
         .env("PATH", "")
         .output()
         .expect("the program starts");

@@ -1,6 +1,6 @@
 //! Packages that the command writes, and Cargo in them.
 
-use crate::run::text;
+use crate::run::{luna, path, text};
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -37,12 +37,8 @@ fn dependencies() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
         let package = folder("dependencies");
-        let made = Command::new(env!("CARGO_BIN_EXE_luna"))
-            .args(["new", "--template", "axis", "--luna"])
-            .arg(workspace())
-            .arg(&package)
-            .output()
-            .expect("the program starts");
+        let (luna_here, to) = (workspace(), path(&package));
+        let made = luna(&["new", "--template", "axis", "--luna", path(&luna_here), to]);
         assert!(made.status.success(), "{}", text(&made.stderr));
         lock(&package);
         let target = temporary("generated-target");

@@ -1,7 +1,6 @@
 //! Recordings that the demo makes, and what is asked of them in a wrong way.
 
-use crate::run::{file, luna, text};
-use std::process::Command;
+use crate::run::{command, file, luna, text};
 
 /// Each program that reads a recording of the logger or a replay log distinguishes them.
 #[test]
@@ -34,8 +33,7 @@ fn a_name_of_the_other_kind_of_file_is_refused() {
     let is_log = ("recording of", log.to_str().expect("a path of this test"));
     let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
     let with = |more: &[&str]| luna(&[&demo[..], more].concat());
-    let by_variable = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(demo)
+    let by_variable = command(&demo)
         .env("LUNA_LOG", &replay)
         .output()
         .expect("the program starts");

@@ -4,21 +4,16 @@
 use crate::generate::{build, generate, random};
 use crate::is_long;
 use crate::package::{folder, run_cargo};
-use crate::run::{example, text};
+use crate::run::{example, luna_model, path, text};
 use luna_model::{FindingKind, Model};
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// Writes the way to the model's deadlock into the folder of the generated package.
 fn counterexample(model: &Path, folder: &Path) -> PathBuf {
     let file = folder.join("deadlock.replay");
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "check", "--replay"])
-        .args([&file, model])
-        .output()
-        .expect("the program starts");
+    let output = luna_model(&["check", "--replay", path(&file), path(model)]);
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
     file
 }
