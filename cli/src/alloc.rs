@@ -16,7 +16,7 @@ pub(crate) struct Counting {
 }
 
 /// How many calls were made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub(crate) struct Counts {
     /// New memory.
     pub(crate) allocations: u64,

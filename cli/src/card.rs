@@ -1,6 +1,6 @@
 //! The device behind the demo's registers: processes that simulate the machine, or a card.
 
-use crate::failure::Failure;
+use crate::failure::{Failure, unusable};
 use luna::{Policy, System};
 use luna_jiwy::{AXES, hardware};
 use luna_mesa::Health;
@@ -56,7 +56,7 @@ pub(crate) fn machine(
     let (address, simulated) = match choice {
         None => {
             let hardware::Simulated { registers, states } =
-                hardware::simulated(system, executor, period).map_err(Failure::Luna)?;
+                hardware::simulated(system, executor, period)?;
             return Ok((registers, Machine::Processes(states)));
         }
         Some(Choice::Mesa(address)) => (*address, None),
@@ -65,8 +65,7 @@ pub(crate) fn machine(
             (server.address(), Some((server, states)))
         }
     };
-    let hardware::Behind { registers, health } =
-        hardware::mesa(system, executor, address, period).map_err(Failure::Luna)?;
+    let hardware::Behind { registers, health } = hardware::mesa(system, executor, address, period)?;
     let machine = match simulated {
         Some((_server, states)) => Machine::SimulatedCard {
             states,
@@ -98,7 +97,7 @@ fn simulate(policy: Policy) -> Result<(Server, States), Failure> {
         },
         ..Settings::default()
     };
-    let server = Server::start(settings).map_err(|error| Failure::Card(error.into()))?;
+    let server = Server::start(settings).map_err(|error| unusable("card", error))?;
     Ok((server, states))
 }
 

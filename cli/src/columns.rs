@@ -7,25 +7,21 @@ use comfy_table::{CellAlignment, ColumnConstraint, Table, Width};
 pub(crate) const WIDTH: u16 = 110;
 
 /// Rows of numbers below each other. The first column is text.
-pub(crate) fn of_numbers<const N: usize>(rows: impl IntoIterator<Item = [String; N]>) -> String {
-    let mut table = Table::new();
-    table.load_style(NOTHING).add_rows(rows);
-    for (number, column) in table.column_iter_mut().enumerate() {
-        column.set_padding((if number == 0 { 0 } else { 2 }, 0));
-        if number > 0 {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
-    lines(&table)
+pub(crate) fn of_numbers<const N: usize>(
+    head: [&str; N],
+    rows: impl IntoIterator<Item = [String; N]>,
+) -> String {
+    of_rows(head, &Vec::from_iter(1..N), rows)
 }
 
 /// Rows of texts, each column as wide as it has to be; numbers in the columns `right`.
 pub(crate) fn of_rows<const N: usize>(
+    head: [&str; N],
     right: &[usize],
     rows: impl IntoIterator<Item = [String; N]>,
 ) -> String {
     let mut table = Table::new();
-    table.load_style(NOTHING).add_rows(rows);
+    table.load_style(NOTHING).add_row(head).add_rows(rows);
     for (number, column) in table.column_iter_mut().enumerate() {
         column.set_padding((if number == 0 { 0 } else { 2 }, 0));
         if right.contains(&number) {

@@ -5,9 +5,9 @@ pub(crate) mod replay;
 pub(crate) mod table;
 
 use crate::alloc::Counting;
-use crate::failure::Failure;
+use crate::failure::{Failure, failed, unusable};
 use crate::output::{Axis, Demo, FinalState, TrackingError};
-use crate::print::{print_json, print_parts};
+use crate::print::print;
 use crate::{args, card, exit, place, report, text};
 use luna::Report;
 use luna::log::{FileSink, Logging, Sink, Tee};
@@ -30,10 +30,8 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
     }
     let recording = match &arguments.joystick {
         Some(path) if !crate::joystick::is_device(path) => {
-            Recording::read(path).map_err(|error| {
-                let path = path.clone();
-                Failure::Joystick { path, error }
-            })?
+            let read = Recording::read(path);
+            read.map_err(|error| unusable(format_args!("joystick {}", path.display()), error))?
         }
         _ => Recording::built_in(),
     };
@@ -53,7 +51,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
         system.virtual_clock();
     }
     replay::record(&mut system, arguments);
-    set_parameters(&mut system, arguments).map_err(Failure::Luna)?;
+    set_parameters(&mut system, arguments)?;
     let shown = Show {
         log: arguments.log.as_deref(),
         scope: arguments.scope,
@@ -63,11 +61,11 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
         foxglove: arguments.foxglove,
     };
     let watched = watch(&mut system, shown)?;
-    let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
+    let executors = executors(&mut system, &arguments.place)?;
     if let Some(path) = &arguments.joystick
         && crate::joystick::is_device(path)
     {
-        crate::joystick::follow(&mut system, &executors.operator, path).map_err(Failure::Luna)?;
+        crate::joystick::follow(&mut system, &executors.operator, path)?;
     }
     let (registers, machine) = card::machine(
         arguments.card.as_ref(),
@@ -76,12 +74,12 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
         settings.period,
         arguments.place.policy,
     )?;
-    let findings = network::build(&executors, registers, settings).map_err(Failure::Luna)?;
+    let findings = network::build(&executors, registers, settings)?;
     drop(executors);
 
     let report = system.run();
     watched.ended(&report);
-    let mut report = report.map_err(Failure::Luna)?;
+    let mut report = report?;
     let demo = Demo {
         measurement: report::measurement(&report, CONTROL, &[LOOP], allocator.counts()),
         table_4: table::row(&report, arguments.rate, CONTROL),
@@ -93,10 +91,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
             .collect(),
     };
 
-    let mut out = std::io::stdout().lock();
-    let printed = if arguments.place.json {
-        print_json(&mut out, &demo)
-    } else {
+    print(arguments.place.json, &demo, || {
         let head = format!(
             "Jiwy, pan and tilt at {} Hz for {} s: ",
             arguments.rate, arguments.seconds
@@ -110,17 +105,15 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
             head + &text::header(&demo.measurement),
             report.to_string(),
         ];
-        let parts = parts.into_iter().chain(table_4).chain([
+        parts.into_iter().chain(table_4).chain([
             text::tracking(&demo.axes),
             text::latency(LOOP, report::latencies(&report, LOOP)),
             replay::text(demo.record.as_ref())
                 + &text::memory(&demo.measurement)
                 + &machine.card()
                 + text::ending(&demo.measurement),
-        ]);
-        print_parts(&mut out, parts)
-    };
-    printed.map_err(Failure::Output)?;
+        ])
+    })?;
     let has_missed = report.loops.get(LOOP).is_some_and(|timer| timer.missed > 0);
     Ok(match demo.measurement.complete {
         true if arguments.strict && has_missed => ExitCode::from(exit::SLOTS_MISSED),
@@ -178,11 +171,8 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
     // The file is the first, so that it decides what is recorded.
     let mut sinks = None;
     if let Some(path) = show.log {
-        let file = FileSink::create(path).map_err(|error| Failure::Log {
-            path: path.to_owned(),
-            error: error.to_string(),
-        })?;
-        sinks = Some(and(sinks, file));
+        let file = FileSink::create(path);
+        sinks = Some(and(sinks, file.map_err(failed(path))?));
     }
     if let Some(address) = show.scope {
         let parameters = system.parameters();
@@ -192,14 +182,13 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
         let open = url.split(['?', '#']).next().unwrap_or(&url);
         system.announce_address("scope", open);
         let sink = scope.sink();
-        let sink = sink.map_err(|error| Failure::Scope { address, error })?;
-        sinks = Some(and(sinks, sink));
+        sinks = Some(and(sinks, sink.map_err(crate::scope::unserved(address))?));
         watched.scope = Some(scope);
     }
     #[cfg(feature = "foxglove")]
     if let Some(address) = show.foxglove {
         let foxglove = luna_foxglove::Foxglove::open(address)
-            .map_err(|error| Failure::Foxglove { address, error })?;
+            .map_err(|error| unusable(format_args!("--foxglove {address}"), error))?;
         use std::io::Write;
         let _ = writeln!(std::io::stderr(), "foxglove: {}", foxglove.url());
         sinks = Some(and(sinks, foxglove.sink()));

@@ -1,7 +1,7 @@
 //! `luna demo head`: the humanoid head follows a target.
 
 use crate::alloc::Counting;
-use crate::demo::machine::{self, Apart};
+use crate::demo::machine::{self, Apart, heading};
 use crate::failure::Failure;
 use crate::output::Measurement;
 use crate::{args, columns, report};
@@ -161,20 +161,12 @@ fn text(run: &Run, report: &Report) -> [String; 3] {
         (None, Some(at)) => verdict += &format!("; stopped at {at:.2} s without cause"),
         (None, None) => {}
     }
-    let faults = match findings.faults.as_slice() {
-        [] => String::new(),
-        faults => format!(", {}", faults.join(", ")),
-    };
-    let good = if findings.is_good() {
-        "good"
-    } else {
-        "not good"
-    };
-    let verdict = format!(
-        "Humanoid head, {:.1} s{faults}: {good}\n{verdict}\n",
-        findings.seconds
+    let head = heading(
+        "Humanoid head",
+        findings.seconds,
+        &findings.faults,
+        findings.is_good(),
     );
-    let head = ["axis", "furthest", "stop"].map(str::to_owned);
     let rows = findings.axes.iter().map(|axis| {
         [
             axis.name.to_owned(),
@@ -182,8 +174,8 @@ fn text(run: &Run, report: &Report) -> [String; 3] {
             format!("{:.1}°", axis.end_stop),
         ]
     });
-    let axes = columns::of_numbers([head].into_iter().chain(rows));
-    [verdict, axes, report.to_string()]
+    let axes = columns::of_numbers(["axis", "furthest", "stop"], rows);
+    [head + &verdict + "\n", axes, report.to_string()]
 }
 
 #[cfg(test)]

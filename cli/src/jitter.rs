@@ -2,12 +2,13 @@
 
 use crate::alloc::Counting;
 use crate::beside::{self, Ended, EndsOnDrop};
-use crate::failure::Failure;
-use crate::print::{print_json, print_parts};
+use crate::failure::{Failure, unusable};
+use crate::print::print;
 use crate::{args, exit, place, report, text};
 use luna::prelude::*;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -16,47 +17,37 @@ const NAME: &str = "jitter";
 /// Measures, prints, and gives the exit code.
 pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<ExitCode, Failure> {
     // Before the measurement: a path that cannot be written should not cost its time.
-    let file = arguments
-        .histogram
-        .as_ref()
-        .map(|path| (path, File::create(path)));
-    let histogram_failed = |error| Failure::Histogram {
-        path: arguments.histogram.clone().unwrap_or_default(),
-        error,
+    let path = arguments.histogram.as_deref();
+    let histogram_failed = |error| {
+        let path = path.unwrap_or(Path::new("")).display();
+        unusable(format_args!("histogram {path}"), error)
     };
-    let file = file
-        .map(|(_, file)| file)
-        .transpose()
-        .map_err(histogram_failed)?;
+    let file = path.map(File::create).transpose();
+    let file = file.map_err(histogram_failed)?;
 
     let mut system = System::new(NAME);
     system.lock_memory();
     // Kept, so that no process drops the last one on the real-time path.
-    let _ended = spawn(&mut system, arguments).map_err(Failure::Luna)?;
-    let mut report = system.run().map_err(Failure::Luna)?;
+    let _ended = spawn(&mut system, arguments)?;
+    let mut report = system.run()?;
     let measurement = report::measurement(&report, NAME, &[NAME], allocator.counts());
 
     if let Some(file) = file {
         write_histogram(file, report::latencies(&report, NAME)).map_err(histogram_failed)?;
     }
-    let mut out = std::io::stdout().lock();
-    let printed = if arguments.place.json {
-        print_json(&mut out, &measurement)
-    } else {
+    print(arguments.place.json, &measurement, || {
         let head = format!(
             "{} wake-ups, {} µs apart: ",
             arguments.loops, arguments.interval
         );
         report::clear_shortfalls(&mut report);
-        let parts = [
+        [
             head + &text::header(&measurement),
             report.to_string(),
             text::latency(NAME, report::latencies(&report, NAME)),
             text::memory(&measurement) + text::ending(&measurement),
-        ];
-        print_parts(&mut out, parts)
-    };
-    printed.map_err(Failure::Output)?;
+        ]
+    })?;
     Ok(exit::of_a_run(measurement.complete))
 }
 

@@ -1,7 +1,7 @@
 //! `luna new`: a project to begin with.
 
-use crate::failure::Failure;
-use crate::package::{failed, luna};
+use crate::failure::{Failure, failed, unusable};
+use crate::package::luna;
 use clap::{Args, ValueEnum};
 use luna_model::{Luna, package_name};
 use std::fs;
@@ -111,10 +111,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     // It must not be there: nothing is ever overwritten.
     fs::create_dir(path).map_err(|error| match error.kind() {
-        io::ErrorKind::AlreadyExists => Failure::Package {
-            path: path.clone(),
-            why: "this is there already: give another name, or remove it",
-        },
+        io::ErrorKind::AlreadyExists => {
+            failed(path)("this is there already: give another name, or remove it")
+        }
         _ => failed(path)(error),
     })?;
     for (below, text) in COMMON.iter().chain(template.files()) {
@@ -150,10 +149,9 @@ fn name(path: &Path) -> Result<&str, Failure> {
     let shown = path.file_name().unwrap_or(path.as_os_str());
     let name = shown.to_str().unwrap_or_default();
     let refused = |why: String| {
-        Err(Failure::ProjectName {
-            name: shown.to_string_lossy().into_owned(),
-            why,
-        })
+        let name = shown.to_string_lossy();
+        let what = format!("`{name}` cannot be the name of a project");
+        Err(unusable(what, why))
     };
     if name.replace('_', "-").starts_with("luna-") {
         return refused(

@@ -1,5 +1,6 @@
 //! What a command found: as one JSON object.
 
+use crate::alloc::Counts;
 use crate::demo::replay::Recorded;
 use crate::demo::table::Row;
 use luna_jiwy::parts::sanity::Interventions;
@@ -17,11 +18,8 @@ pub(crate) struct Measurement {
     /// Whether every process ran to its end.
     pub(crate) complete: bool,
     /// On the real-time path, while the bodies ran.
-    pub(crate) allocations: u64,
-    /// As allocations.
-    pub(crate) reallocations: u64,
-    /// As allocations.
-    pub(crate) frees: u64,
+    #[serde(flatten)]
+    pub(crate) counts: Counts,
     /// Those that control or measure first.
     pub(crate) loops: Vec<Loop>,
     /// What became of the log, if there was one.
@@ -216,9 +214,7 @@ mod tests {
             core: Some(1),
             missing: Vec::new(),
             complete: true,
-            allocations: 0,
-            reallocations: 0,
-            frees: 0,
+            counts: Counts::default(),
             loops: vec![Loop {
                 name: "pan".to_owned(),
                 period_ns: 1_000_000,

@@ -3,26 +3,22 @@
 use crate::failure::Failure;
 use std::io::Write;
 
-/// One JSON object on one line.
-pub(crate) fn print_json(
-    out: &mut impl Write,
+/// Prints what a command has found: as one JSON object on one line, or as parts of text with an
+/// empty line between them.
+pub(crate) fn print<P: IntoIterator<Item = String>>(
+    as_json: bool,
     value: &impl serde::Serialize,
-) -> std::io::Result<()> {
-    serde_json::to_writer(&mut *out, value)?;
-    writeln!(out)?;
-    out.flush()
-}
-
-/// Parts with an empty line between them.
-pub(crate) fn print_parts(
-    out: &mut impl Write,
-    parts: impl IntoIterator<Item = String>,
-) -> std::io::Result<()> {
-    for (n, part) in parts.into_iter().enumerate() {
-        let gap = if n == 0 { "" } else { "\n" };
-        writeln!(out, "{gap}{}", part.trim_end())?;
+    parts: impl FnOnce() -> P,
+) -> Result<(), Failure> {
+    if as_json {
+        let json = serde_json::to_string(value);
+        return say(&(json.map_err(|error| Failure::Output(error.into()))? + "\n"));
     }
-    out.flush()
+    let parts = parts().into_iter();
+    let parts: Vec<String> = parts
+        .map(|part| part.trim_end().to_owned() + "\n")
+        .collect();
+    say(&parts.join("\n"))
 }
 
 /// Writes text to standard output.

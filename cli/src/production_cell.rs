@@ -1,7 +1,7 @@
 //! `luna demo production-cell`: six units in a circle, in the deployment that is asked for.
 
 use crate::demo::machine;
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use crate::{args, columns};
 use clap::{Args, ValueEnum};
 use luna::Report;
@@ -171,10 +171,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     };
     if let Some(path) = &arguments.picture {
         let svg = picture::svg(&run.outcome, &title(&run));
-        std::fs::write(path, svg).map_err(|error| Failure::Converted {
-            path: path.clone(),
-            error: error.to_string(),
-        })?;
+        std::fs::write(path, svg).map_err(failed(path))?;
     }
     let is_good = run.outcome.is_good();
     let text = || text(&run, &report);
@@ -192,17 +189,16 @@ pub(crate) fn run_unit(arguments: &UnitArguments) -> Result<ExitCode, Failure> {
     } = arguments;
     #[cfg(feature = "hosts")]
     if arguments.host {
-        let subnet = cell.parse().map_err(luna::Error::other);
-        let subnet = subnet.map_err(Failure::Luna)?;
+        let subnet = cell.parse().map_err(luna::Error::other)?;
         let ran = deploy::run_unit_on_host(*unit, subnet, world, *policy);
         return ran.map(|()| ExitCode::SUCCESS).map_err(Failure::Luna);
     }
-    deploy::run_unit(*unit, cell, world, *policy).map_err(Failure::Luna)?;
+    deploy::run_unit(*unit, cell, world, *policy)?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn this_program(arguments: &Arguments) -> Result<Program, Failure> {
-    let file = std::env::current_exe().map_err(|error| Failure::Luna(error.into()))?;
+    let file = std::env::current_exe().map_err(luna::Error::from)?;
     let policy = arguments.policy.to_string();
     let mut words = vec!["demo", "production-cell-unit", "--policy", &policy];
     if let Deployment::Hosts = arguments.deploy {
@@ -250,7 +246,6 @@ fn text(run: &Run, report: &Report) -> [String; 3] {
             "not all units came to rest\n"
         },
     );
-    let head = ["unit", "taken", "given", "blocks", "stops"].map(str::to_owned);
     let rows = outcome.units.iter().map(|unit| {
         [
             unit.name.name().to_owned(),
@@ -260,7 +255,7 @@ fn text(run: &Run, report: &Report) -> [String; 3] {
             unit.stops.to_string(),
         ]
     });
-    let units = columns::of_numbers([head].into_iter().chain(rows));
+    let units = columns::of_numbers(["unit", "taken", "given", "blocks", "stops"], rows);
     [verdict, units, report.to_string()]
 }
 

@@ -30,9 +30,7 @@ pub(crate) fn measurement(
         core: place.and_then(|place| place.core),
         missing: report.all_shortfalls().map(missing).collect(),
         complete: complete(report),
-        allocations: counts.allocations,
-        reallocations: counts.reallocations,
-        frees: counts.frees,
+        counts,
         loops: first
             .chain(others)
             .map(|(name, report)| one_loop(name, report))
@@ -159,27 +157,17 @@ fn cause(cause: LateCause) -> Cause {
 }
 
 fn logged(report: &LoggingReport) -> Logged {
-    let samples = report
-        .signals
-        .iter()
-        .fold(Kept::default(), |all, one| Kept {
-            recorded: all.recorded + one.recorded,
-            lost: all.lost + one.lost,
-        });
-    let messages = Kept {
-        recorded: report.messages.recorded,
-        lost: report.messages.lost,
-    };
-    let events = Kept {
-        recorded: report.events.recorded,
-        lost: report.events.lost,
-    };
+    let kept = |recorded, lost| Kept { recorded, lost };
+    let signals = report.signals.iter();
+    let samples = signals.fold(Kept::default(), |all, one| {
+        kept(all.recorded + one.recorded, all.lost + one.lost)
+    });
     Logged {
         to: report.to.clone(),
         bytes: report.bytes,
         samples,
-        messages,
-        events,
+        messages: kept(report.messages.recorded, report.messages.lost),
+        events: kept(report.events.recorded, report.events.lost),
         error: report.error.clone(),
     }
 }

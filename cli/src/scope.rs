@@ -2,7 +2,7 @@
 
 use crate::args;
 use crate::demo::Show;
-use crate::failure::Failure;
+use crate::failure::{Failure, failed, unusable};
 use crate::scope_parameters::OfSystem;
 use luna_scope::{MergeError, ReplayError, Scope, Settings};
 use std::fs::File;
@@ -27,10 +27,7 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
         [one] => (open_one(one)?, true),
         several => merged(several)?,
     };
-    let failed = |error: String| Failure::Log {
-        path: arguments.files[0].clone(),
-        error,
-    };
+    let path = &arguments.files[0];
     let settings = Settings::default()
         .address(arguments.listen)
         .viewers(arguments.viewers.into());
@@ -47,10 +44,10 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
         Source::Stream(input) => scope.replay(input, speed),
     };
     if let Err(error @ ReplayError::Open(_)) = &played {
-        return Err(failed(error.to_string()));
+        return Err(failed(path)(error));
     }
     if let Err(error) = &played {
-        eprintln!("luna: {}", failed(error.to_string()));
+        eprintln!("luna: {}", failed(path)(error));
     }
     if !arguments.once {
         // Until a signal ends the program.
@@ -79,10 +76,7 @@ fn open_one(path: &Path) -> Result<Source, Failure> {
 }
 
 fn open_file(path: &Path) -> Result<BufReader<File>, Failure> {
-    let file = File::open(path).map_err(|error| Failure::Log {
-        path: path.to_owned(),
-        error: error.to_string(),
-    })?;
+    let file = File::open(path).map_err(failed(path))?;
     Ok(BufReader::with_capacity(1 << 16, file))
 }
 
@@ -95,26 +89,17 @@ fn merged(paths: &[PathBuf]) -> Result<(Source, bool), Failure> {
     }
     let opened = paths.iter().map(|path| open_file(path));
     let mut recordings = opened.collect::<Result<Vec<_>, _>>()?;
-    let unwritten = |error: std::io::Error| Failure::Converted {
-        path: std::env::temp_dir(),
-        error: error.to_string(),
-    };
+    let folder = std::env::temp_dir();
     // It goes when the program ends.
-    let mut file = tempfile::tempfile().map_err(unwritten)?;
+    let mut file = tempfile::tempfile().map_err(failed(&folder))?;
     let mut is_whole = true;
     if let Err(error) = luna_scope::merge(&mut recordings, BufWriter::new(&mut file)) {
         let failure = match (&error, error.recording()) {
-            (_, Some(number)) => Failure::Log {
-                path: paths[number].clone(),
-                error: error.to_string(),
-            },
+            (_, Some(number)) => failed(&paths[number])(&error),
             (MergeError::TooMany, None) => {
                 Failure::Options("at most 64 recordings can be shown together")
             }
-            (_, None) => Failure::Converted {
-                path: std::env::temp_dir(),
-                error: error.to_string(),
-            },
+            (_, None) => failed(&folder)(&error),
         };
         if !matches!(error, MergeError::Read(..)) {
             return Err(failure);
@@ -122,7 +107,7 @@ fn merged(paths: &[PathBuf]) -> Result<(Source, bool), Failure> {
         eprintln!("luna: {failure}");
         is_whole = false;
     }
-    file.rewind().map_err(unwritten)?;
+    file.rewind().map_err(failed(&folder))?;
     let file = BufReader::with_capacity(1 << 16, file);
     Ok((Source::File(file), is_whole))
 }
@@ -144,10 +129,8 @@ pub(crate) struct Shown<'a> {
 impl Shown<'_> {
     fn add_to(self, settings: Settings) -> Result<Settings, Failure> {
         if let Some(path) = self.picture {
-            let svg = std::fs::read_to_string(path).map_err(|error| Failure::Picture {
-                path: path.to_owned(),
-                error,
-            })?;
+            let unread = |error| unusable(format_args!("picture {}", path.display()), error);
+            let svg = std::fs::read_to_string(path).map_err(unread)?;
             return Ok(settings.picture(svg));
         }
         match self.model {
@@ -169,17 +152,20 @@ pub(crate) fn of_demo(
         .parameters(Arc::new(OfSystem(parameters)));
     let settings = show.picture.into_iter().fold(settings, Settings::picture);
     open(match show.scope_token {
-        true => settings
-            .allow_setting()
-            .map_err(|error| Failure::Scope { address, error })?,
+        true => settings.allow_setting().map_err(unserved(address))?,
         false => settings,
     })
+}
+
+/// A scope cannot be served there.
+pub(crate) fn unserved(address: SocketAddr) -> impl Fn(std::io::Error) -> Failure {
+    move |error| unusable(format_args!("scope {address}"), error)
 }
 
 /// A scope. Its address is printed on standard error, since standard output is for results.
 fn open(settings: Settings) -> Result<Scope, Failure> {
     let address = settings.listens_on();
-    let scope = Scope::open(settings).map_err(|error| Failure::Scope { address, error })?;
+    let scope = Scope::open(settings).map_err(unserved(address))?;
     let _ = writeln!(std::io::stderr(), "scope: {}", scope.url());
     Ok(scope)
 }

@@ -1,5 +1,6 @@
 //! What a command found: as text for people.
 
+use crate::alloc::Counts;
 use crate::output::{Axis, Measurement};
 use crate::{columns, histogram_text};
 use std::fmt;
@@ -11,7 +12,12 @@ pub(crate) struct Count(pub(crate) u64, pub(crate) &'static str);
 impl fmt::Display for Count {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Count(number, what) = self;
-        write!(f, "{number} {what}{}", if *number == 1 { "" } else { "s" })
+        let ending = match number {
+            1 => "",
+            _ if what.ends_with('s') => "es",
+            _ => "s",
+        };
+        write!(f, "{number} {what}{ending}")
     }
 }
 
@@ -26,7 +32,6 @@ pub(crate) fn header(measurement: &Measurement) -> String {
 
 /// A line for each axis, with `-` where nothing was measured.
 pub(crate) fn tracking(axes: &[Axis]) -> String {
-    let head = ["tracking error", "rms", "max"].map(str::to_owned);
     let rows = axes.iter().map(|axis| {
         let [rms, max] = match axis.tracking_error_deg {
             Some(error) => [error.rms, error.max].map(|error| format!("{error:.2}°")),
@@ -34,7 +39,7 @@ pub(crate) fn tracking(axes: &[Axis]) -> String {
         };
         [axis.name.to_owned(), rms, max]
     });
-    columns::of_numbers(std::iter::once(head).chain(rows))
+    columns::of_numbers(["tracking error", "rms", "max"], rows)
 }
 
 /// The wake-up latency of a loop, given as (ns, count).
@@ -47,12 +52,11 @@ pub(crate) fn latency(name: &str, values: impl Iterator<Item = (u64, u64)>) -> S
 
 /// What the allocator counted.
 pub(crate) fn memory(measurement: &Measurement) -> String {
-    let Measurement {
+    let Counts {
         allocations,
         reallocations,
         frees,
-        ..
-    } = measurement;
+    } = measurement.counts;
     format!(
         "on the real-time path: allocations {allocations}, reallocations {reallocations}, frees {frees}\n"
     )
@@ -78,9 +82,11 @@ mod tests {
             core: Some(1),
             missing: Vec::new(),
             complete: true,
-            allocations: 1,
-            reallocations: 2,
-            frees: 3,
+            counts: Counts {
+                allocations: 1,
+                reallocations: 2,
+                frees: 3,
+            },
             loops: Vec::new(),
             logging: None,
         }

@@ -1,7 +1,7 @@
 //! `luna demo tulip`: the robot walks behind a ball.
 
 use crate::alloc::Counting;
-use crate::demo::machine::{self, Apart};
+use crate::demo::machine::{self, Apart, heading};
 use crate::failure::Failure;
 use crate::output::Measurement;
 use crate::{args, columns, report};
@@ -198,17 +198,8 @@ fn text(run: &Run, report: &Report) -> [String; 3] {
         lost,
         ..
     } = findings;
-    let faults = match findings.faults.as_slice() {
-        [] => String::new(),
-        faults => format!(", {}", faults.join(", ")),
-    };
-    let good = if findings.is_good() {
-        "good"
-    } else {
-        "not good"
-    };
-    let mut verdict =
-        format!("TUlip, {seconds:.1} s{faults}: {good}\n{steps} steps, {distance:.2} m");
+    let mut verdict = heading("TUlip", *seconds, &findings.faults, findings.is_good());
+    verdict += &format!("{steps} steps, {distance:.2} m");
     if *steps < findings.steps_expected {
         verdict += &format!(" ({} steps were to be seen)", findings.steps_expected);
     }
@@ -230,14 +221,13 @@ fn text(run: &Run, report: &Report) -> [String; 3] {
         (None, None) => {}
     }
     verdict.push('\n');
-    let head = ["joint", "least", "greatest", "stops"].map(str::to_owned);
     let rows = findings.joints.iter().map(|joint| {
         let [least, greatest] = joint.range.map(|angle| format!("{angle:.1}°"));
         let [low, high] = joint.stops;
         let stops = format!("{low:.0}° to {high:.0}°");
         [joint.name.to_owned(), least, greatest, stops]
     });
-    let joints = columns::of_numbers([head].into_iter().chain(rows));
+    let joints = columns::of_numbers(["joint", "least", "greatest", "stops"], rows);
     [verdict, joints, report.to_string()]
 }
 

@@ -2,7 +2,7 @@
 
 use super::selection::Filter;
 use crate::args::{Clock, Convert};
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 
 /// So much may the clock of the day be set, relative to the monotonic one, between the recordings
 /// of one computer, without a word about it: 1 s.
@@ -29,11 +29,8 @@ pub(super) fn shifts(arguments: &Convert, filters: &[Filter]) -> Result<Vec<i64>
             }
             (Clock::Wall, Some(apart)) => apart,
             (Clock::Wall, None) => {
-                return Err(Failure::Log {
-                    path: path.clone(),
-                    error: "it, or the first recording, has no time of the day: use --offset"
-                        .to_owned(),
-                });
+                let why = "it, or the first recording, has no time of the day: use --offset";
+                return Err(failed(path)(why));
             }
         };
         let shift = shift.saturating_add(asked.into());

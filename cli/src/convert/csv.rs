@@ -8,8 +8,8 @@
 
 use super::recording::each;
 use super::selection::Filter;
-use super::{Converted, broken, create};
-use crate::failure::Failure;
+use super::{Converted, create};
+use crate::failure::{self, Failure};
 use luna_logger::format::{Names, Record, Value, Words};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -62,7 +62,7 @@ pub(super) fn write(
         hold,
         per_cycle: filter.is_per_cycle(),
     };
-    let failed = broken(output);
+    let failed = failure::failed(output);
     table.head(&signals).map_err(&failed)?;
 
     let heading = "time,level,thread,process,target,text";
@@ -161,7 +161,7 @@ impl Beside {
     }
 
     fn line(&mut self, line: fmt::Arguments<'_>) -> Result<(), Failure> {
-        let failed = broken(&self.path);
+        let failed = failure::failed(&self.path);
         let file = match &mut self.file {
             Some(file) => file,
             none => {
@@ -175,7 +175,7 @@ impl Beside {
 
     fn end(self) -> Result<(), Failure> {
         let flushed = self.file.map_or(Ok(()), |mut file| file.flush());
-        flushed.map_err(broken(&self.path))
+        flushed.map_err(failure::failed(&self.path))
     }
 }
 

@@ -6,8 +6,8 @@
 
 use super::recording::each;
 use super::selection::Filter;
-use super::{Converted, broken, create};
-use crate::failure::Failure;
+use super::{Converted, create};
+use crate::failure::{self, Failure};
 use luna_logger::format::json::{self, Topic};
 use luna_logger::format::{Level, Losing, Names, Record};
 use mcap::records::MessageHeader;
@@ -29,7 +29,7 @@ fn level_number(level: Level) -> u8 {
 }
 
 pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Converted, Failure> {
-    let failed = broken::<mcap::McapError>(output);
+    let failed = failure::failed::<mcap::McapError>(output);
     let mut file = Mcap::new(create(output)?).map_err(&failed)?;
     let converted = each(input, filter, |record| file.take(record).map_err(&failed))?;
     file.writer.finish().map_err(&failed)?;
@@ -39,9 +39,8 @@ pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Conv
 struct Mcap {
     writer: Writer<BufWriter<File>>,
     signals: HashMap<u32, Channel>,
-    messages: Option<Channel>,
-    losses: Option<Channel>,
-    events: Option<Channel>,
+    /// Of messages, losses and events, by their topics.
+    others: HashMap<&'static str, Channel>,
     names: Names,
     /// From the recording's clock to the time of day.
     offset: i128,
@@ -65,9 +64,7 @@ impl Mcap {
         Ok(Self {
             writer: options.create(output)?,
             signals: HashMap::new(),
-            messages: None,
-            losses: None,
-            events: None,
+            others: HashMap::new(),
             names: Names::default(),
             offset: 0,
             has_epoch: false,
@@ -129,21 +126,6 @@ impl Mcap {
                 ..
             } => {
                 let time = self.time(time);
-                if self.messages.is_none() {
-                    let properties = json!({
-                        "timestamp": {
-                            "type": "object", "title": "time",
-                            "properties": { "sec": { "type": "integer" }, "nsec": { "type": "integer" } },
-                        },
-                        "level": { "type": "integer" },
-                        "message": { "type": "string" },
-                        "name": { "type": "string" },
-                        "file": { "type": "string" },
-                        "line": { "type": "integer" },
-                    });
-                    let topic = Topic::new("/luna/log", "foxglove.Log", &properties);
-                    self.messages = Some(self.channel(&topic)?);
-                }
                 let thread = self.names.thread(thread);
                 let content = json!({
                     "timestamp": { "sec": time / 1_000_000_000, "nsec": time % 1_000_000_000 },
@@ -153,23 +135,13 @@ impl Mcap {
                     "file": "",
                     "line": 0,
                 });
-                let content = content.to_string();
-                match &mut self.messages {
-                    Some(channel) => put(&mut self.writer, channel, time, content.as_bytes()),
-                    None => Ok(()),
-                }
+                self.add("messages", of_messages, time, &content.to_string())
             }
             Record::Losses { of, lost } => self.losses(of, lost),
             Record::Event(event) => {
                 let time = self.time(event.time);
-                if self.events.is_none() {
-                    self.events = Some(self.channel(&Topic::of_events())?);
-                }
                 let content = json::event(&self.names, &event);
-                match &mut self.events {
-                    Some(channel) => put(&mut self.writer, channel, time, content.as_bytes()),
-                    None => Ok(()),
-                }
+                self.add("events", Topic::of_events, time, &content)
             }
             _ => Ok(()),
         }
@@ -185,17 +157,29 @@ impl Mcap {
             Losing::Events(thread) => format!("events of {}", self.names.thread(thread)),
             Losing::Blocks => "blocks on the way".to_owned(),
         };
-        if self.losses.is_none() {
+        let topic = || {
             let properties = json!({ "of": { "type": "string" }, "lost": { "type": "integer" } });
-            let topic = Topic::new("/luna/losses", "luna.Losses", &properties);
-            self.losses = Some(self.channel(&topic)?);
-        }
-        let time = self.last;
+            Topic::new("/luna/losses", "luna.Losses", &properties)
+        };
         let content = json!({ "of": of, "lost": lost }).to_string();
-        match &mut self.losses {
-            Some(channel) => put(&mut self.writer, channel, time, content.as_bytes()),
-            None => Ok(()),
-        }
+        self.add("losses", topic, self.last, &content)
+    }
+
+    /// Adds to a channel that is made with what comes first on it.
+    fn add(
+        &mut self,
+        to: &'static str,
+        topic: impl FnOnce() -> Topic,
+        time: u64,
+        content: &str,
+    ) -> mcap::McapResult<()> {
+        let mut channel = match self.others.remove(to) {
+            Some(channel) => channel,
+            None => self.channel(&topic())?,
+        };
+        put(&mut self.writer, &mut channel, time, content.as_bytes())?;
+        self.others.insert(to, channel);
+        Ok(())
     }
 
     fn time(&mut self, time: u64) -> u64 {
@@ -203,6 +187,21 @@ impl Mcap {
         self.last = u64::try_from(shifted.max(0)).unwrap_or(u64::MAX);
         self.last
     }
+}
+
+fn of_messages() -> Topic {
+    let properties = json!({
+        "timestamp": {
+            "type": "object", "title": "time",
+            "properties": { "sec": { "type": "integer" }, "nsec": { "type": "integer" } },
+        },
+        "level": { "type": "integer" },
+        "message": { "type": "string" },
+        "name": { "type": "string" },
+        "file": { "type": "string" },
+        "line": { "type": "integer" },
+    });
+    Topic::new("/luna/log", "foxglove.Log", &properties)
 }
 
 fn put(

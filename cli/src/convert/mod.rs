@@ -17,13 +17,13 @@ mod selection;
 pub(crate) use recording::open;
 
 use crate::args::{Convert, Format};
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use crate::print::say;
 use crate::text::Count;
 use std::fmt;
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Converts as the command line asks.
@@ -42,10 +42,8 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
                 .is_ok_and(|one| Ok(one) == other.canonicalize().map_err(drop))
     };
     if inputs.iter().any(|input| is_same(input, &output)) {
-        return Err(Failure::Converted {
-            path: output,
-            error: "it is the recording itself; choose another with --output".to_owned(),
-        });
+        let why = "it is the recording itself; choose another with --output";
+        return Err(failed(&output)(why));
     }
     // What cannot be read leaves no output.
     let mut filters = selection::Filter::of(arguments)?;
@@ -203,16 +201,7 @@ struct Damage {
 
 /// A new file to write.
 fn create(path: &Path) -> Result<BufWriter<File>, Failure> {
-    File::create(path).map(BufWriter::new).map_err(broken(path))
-}
-
-/// The failure of writing `path`.
-fn broken<E: fmt::Display>(path: &Path) -> impl Fn(E) -> Failure {
-    let path = PathBuf::from(path);
-    move |error| Failure::Converted {
-        path: path.clone(),
-        error: error.to_string(),
-    }
+    File::create(path).map(BufWriter::new).map_err(failed(path))
 }
 
 #[cfg(test)]

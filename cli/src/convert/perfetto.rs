@@ -10,8 +10,8 @@ use super::clocks::shifted;
 use super::protobuf::Message;
 use super::recording::each;
 use super::selection::Filter;
-use super::{Converted, broken, create};
-use crate::failure::Failure;
+use super::{Converted, create};
+use crate::failure::{self, Failure};
 use flate2::{Compression, write::GzEncoder};
 use luna_logger::format::{Event, Names, Record, SignalInfo, Value};
 use std::collections::HashSet;
@@ -46,7 +46,7 @@ pub(super) fn write<'a>(
     output: &Path,
 ) -> Result<Vec<Converted>, Failure> {
     let mut file = GzEncoder::new(create(output)?, Compression::fast());
-    let failed = broken(output);
+    let failed = failure::failed(output);
     let mut is_first = true;
     let mut all = Vec::new();
     for (number, (input, filter, shift)) in (0..).zip(sources) {

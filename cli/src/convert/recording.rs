@@ -2,7 +2,7 @@
 
 use super::Converted;
 use super::selection::Filter;
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use luna_logger::format::{Losing, Reader, Record};
 use std::collections::HashMap;
 use std::fs::File;
@@ -14,13 +14,9 @@ const MAX_SAID: usize = 5;
 
 /// A recording that can be opened.
 pub(crate) fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
-    let failed = |error: String| Failure::Log {
-        path: path.to_owned(),
-        error,
-    };
-    let file = File::open(path).map_err(|error| failed(error.to_string()))?;
+    let file = File::open(path).map_err(failed(path))?;
     let reader = Reader::new(BufReader::with_capacity(1 << 16, file));
-    reader.map_err(|error| failed(error.to_string()))
+    reader.map_err(failed(path))
 }
 
 /// Calls `take` with each record that can be read and that the filter takes, and counts them.

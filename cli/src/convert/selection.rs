@@ -2,7 +2,7 @@
 
 use super::recording::{each, time};
 use crate::args::{Convert, Selection};
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use glob::Pattern;
 use luna_core::events::code;
 use luna_logger::format::{Event, Names, Record, Subject};
@@ -71,10 +71,8 @@ impl Filter {
                 pattern.as_str() == "none" || names.iter().any(|(_, name)| pattern.matches(name))
             };
             if let Some(pattern) = patterns.iter().find(|pattern| !is_there(pattern)) {
-                return Err(Failure::Log {
-                    path: files[0].clone(),
-                    error: missing(kind, pattern, &names, files.len() > 1),
-                });
+                let why = missing(kind, pattern, &names, files.len() > 1);
+                return Err(failed(&files[0])(why));
             }
         }
         Ok(all

@@ -2,7 +2,7 @@
 
 use super::{Show, watch};
 use crate::failure::Failure;
-use crate::print::{print_json, print_parts};
+use crate::print::print;
 use crate::{args, exit};
 use clap::Args;
 use luna::prelude::*;
@@ -53,7 +53,7 @@ impl Options {
         let machine = build(&mut system)?;
         let report = system.run();
         watched.ended(&report);
-        Ok((machine, report.map_err(Failure::Luna)?))
+        Ok((machine, report?))
     }
 
     /// # Errors
@@ -75,14 +75,16 @@ impl Options {
         text: impl FnOnce() -> [String; 3],
         is_good: bool,
     ) -> Result<ExitCode, Failure> {
-        let mut out = std::io::stdout().lock();
-        match self.json {
-            true => print_json(&mut out, run),
-            false => print_parts(&mut out, text()),
-        }
-        .map_err(Failure::Output)?;
+        print(self.json, run, text)?;
         Ok(exit::of_a_run(is_good))
     }
+}
+
+/// What a run was, in a line.
+pub(crate) fn heading(name: &str, seconds: f64, faults: &[String], is_good: bool) -> String {
+    let faults: String = faults.iter().map(|fault| format!(", {fault}")).collect();
+    let good = if is_good { "good" } else { "not good" };
+    format!("{name}, {seconds:.1} s{faults}: {good}\n")
 }
 
 /// A part of a machine as a program of its own: this program, started again. It is killed when this

@@ -1,8 +1,8 @@
 //! `luna demo --record` and `--replay`: a run that is kept, and the same run again.
 
 use super::{args, executors};
-use crate::failure::Failure;
-use crate::print::{print_json, print_parts};
+use crate::failure::{Failure, unusable};
+use crate::print::print;
 use luna::prelude::*;
 use luna::replay::{RecordError, Recording};
 use luna::report::RecordReport;
@@ -92,10 +92,7 @@ pub(super) fn text(recorded: Option<&Recorded>) -> String {
 
 /// Repeats the recorded run. Prints and returns whether its outputs were the same.
 pub(super) fn replay(path: &Path, arguments: &args::Demo) -> Result<bool, Failure> {
-    let unusable = |error| Failure::Recording {
-        path: path.to_owned(),
-        error: Box::new(error),
-    };
+    let unusable = |error| unusable(format_args!("--replay {}", path.display()), error);
     // A replay log that lost events is good up to there; a damaged one is not to be trusted.
     let recording = Recording::open(path).map_err(unusable)?;
     let kept: Kept =
@@ -118,12 +115,7 @@ pub(super) fn replay(path: &Path, arguments: &args::Demo) -> Result<bool, Failur
         },
         difference: difference.map(|error| error.to_string()),
     };
-    let mut out = std::io::stdout().lock();
-    match arguments.place.json {
-        true => print_json(&mut out, &replayed),
-        false => print_parts(&mut out, [words(&replayed)]),
-    }
-    .map_err(Failure::Output)?;
+    print(arguments.place.json, &replayed, || [words(&replayed)])?;
     Ok(replayed.same)
 }
 
@@ -150,10 +142,9 @@ fn again(recording: &Recording, kept: Kept, arguments: &args::Demo) -> Result<()
     };
     let mut system = System::new("jiwy");
     system.replay(recording);
-    let executors = executors(&mut system, &demo.place).map_err(Failure::Luna)?;
-    let machine = hardware::simulated(&mut system, &executors.mechanism, settings.period)
-        .map_err(Failure::Luna)?;
-    network::build(&executors, machine.registers, settings).map_err(Failure::Luna)?;
+    let executors = executors(&mut system, &demo.place)?;
+    let machine = hardware::simulated(&mut system, &executors.mechanism, settings.period)?;
+    network::build(&executors, machine.registers, settings)?;
     drop(executors);
     system.run().map(drop).map_err(Failure::Luna)
 }

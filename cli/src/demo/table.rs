@@ -165,8 +165,7 @@ pub(super) fn text(row: &Row, is_virtual: bool, took: std::time::Duration) -> St
             "about 50".to_owned(),
         ]
     });
-    let rows = [head.map(str::to_owned), this_run];
-    let mut text = columns::of_numbers(rows.into_iter().chain(of_paper));
+    let mut text = columns::of_numbers(head, std::iter::once(this_run).chain(of_paper));
     let _ = if is_virtual {
         writeln!(
             text,

@@ -136,6 +136,20 @@ impl Seen {
             ..Seen::better(read, from, advice)
         }
     }
+
+    /// The finding of this name.
+    pub(crate) fn finding(self, name: impl Into<String>, part: Part, why: &'static str) -> Finding {
+        Finding {
+            name: name.into(),
+            part,
+            verdict: self.verdict,
+            read: self.read,
+            from: self.from,
+            why,
+            advice: self.advice,
+            ns: None,
+        }
+    }
 }
 
 /// One look at the machine's files. A new finding is one more of these in a list of `checks`.
@@ -164,15 +178,6 @@ impl Check {
             };
             Seen::unknown(unread.to_string(), unread.file, how)
         });
-        Finding {
-            name: self.name.to_owned(),
-            part: Part::Machine,
-            verdict: seen.verdict,
-            read: seen.read,
-            from: seen.from,
-            why: self.why,
-            advice: seen.advice,
-            ns: None,
-        }
+        seen.finding(self.name, Part::Machine, self.why)
     }
 }

@@ -12,14 +12,14 @@ mod table;
 mod tests;
 
 use crate::args;
-use crate::failure::Failure;
-use crate::print::print_json;
+use crate::failure::{Failure, unusable};
+use crate::print::print;
 use diagnosis::Diagnosis;
 use facts::cpu_time::{CpuTime, cpu_time};
 use finding::Finding;
 use luna_platform::facts::Source;
+use luna_platform::facts::parse::write_core_list;
 use machine::Machine;
-use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -32,7 +32,13 @@ const EACH_QUICK: Duration = Duration::from_millis(40);
 pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
     let source = match &arguments.root {
         // With a missing folder everything would be unknown: it is a mistake of the user.
-        Some(root) if !root.is_dir() => return Err(Failure::Root { path: root.clone() }),
+        Some(root) if !root.is_dir() => {
+            let root = root.display();
+            return Err(unusable(
+                format_args!("--root {root}"),
+                "there is no such folder",
+            ));
+        }
         Some(root) => Source::folder(root),
         None => Source::machine(),
     };
@@ -40,7 +46,8 @@ pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
     if let (Some(core), Ok(online)) = (arguments.core, machine.online())
         && !online.contains(&core)
     {
-        return Err(Failure::Core { core, online });
+        let why = format!("the machine has the cores {}", write_core_list(&online));
+        return Err(unusable(format_args!("--core {core}"), why));
     }
 
     let mut findings = look(&machine);
@@ -56,14 +63,8 @@ pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
     }
     let diagnosis = Diagnosis::of(findings, &machine);
 
-    let mut out = std::io::stdout().lock();
-    let printed = if arguments.json {
-        print_json(&mut out, &diagnosis)
-    } else {
-        out.write_all(table::draw(&diagnosis, arguments.explain).as_bytes())
-            .and_then(|()| out.flush())
-    };
-    printed.map_err(Failure::Output)?;
+    let text = || [table::draw(&diagnosis, arguments.explain)];
+    print(arguments.json, &diagnosis, text)?;
     Ok(ExitCode::from(diagnosis.exit_code))
 }
 

@@ -1,7 +1,7 @@
 //! `luna model check`: whether a model does what it must not.
 
 use super::{UNKNOWN, read, write};
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use crate::text::Count;
 use clap::Args;
 use luna_model::{Exploration, Finding, FindingKind, Model, SpinCheck, TraceStep};
@@ -47,11 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         write(path, &model.to_promela())?;
     }
     if let Some(path) = &arguments.cspm {
-        let text = model.to_cspm().map_err(|error| Failure::Cspm {
-            path: arguments.file.clone(),
-            error,
-        })?;
-        write(path, &text)?;
+        write(path, &model.to_cspm().map_err(failed(&arguments.file))?)?;
     }
     let limit = arguments
         .max_states
@@ -105,15 +101,10 @@ fn print(
     model: &Model,
     explored: &Exploration,
 ) -> io::Result<()> {
-    let processes = model.processes();
-    let noun = if processes == 1 {
-        "process"
-    } else {
-        "processes"
-    };
+    let processes = Count(model.processes() as u64, "process");
     let channels = Count(model.channels() as u64, "channel");
     let states = explored.states;
-    writeln!(out, "{}: {processes} {noun}, {channels}", model.name())?;
+    writeln!(out, "{}: {processes}, {channels}", model.name())?;
     match explored.is_complete {
         true => writeln!(out, "all {states} states were looked at")?,
         false => writeln!(

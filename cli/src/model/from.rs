@@ -2,13 +2,12 @@
 
 use super::recording::{Recording, Seen, Slots};
 use super::trace::SKEW;
+use super::write_new;
 use crate::failure::Failure;
 use crate::print::say;
 use clap::Args;
 use luna_model::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -51,11 +50,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         say(&text)?;
         return Ok(ExitCode::SUCCESS);
     }
-    let written = File::create_new(output).and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|error| Failure::ModelFile {
-        path: output.clone(),
-        error,
-    })?;
+    write_new(output, &text)?;
     say(&format!(
         "{0}: check it against recordings with `luna model trace {0} {1}`\n",
         output.display(),

@@ -1,8 +1,8 @@
 //! `luna model generate`: a Rust package that runs a model.
 
 use super::read;
-use crate::failure::Failure;
-use crate::package::{failed, luna};
+use crate::failure::{Failure, failed};
+use crate::package::luna;
 use clap::Args;
 use luna_model::File;
 use std::ffi::OsStr;
@@ -41,8 +41,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let folder = &arguments.output;
     let model = read(&arguments.file)?;
     let luna = luna(arguments.luna.as_deref())?;
-    let files = model.generate(&luna);
-    let files = files.map_err(|problem| Failure::Model(Box::new(problem)))?;
+    let files = model.generate(&luna)?;
     check(folder, &files)?;
     // All of them before anything is printed: standard output may be closed.
     let mut done = Vec::new();
@@ -71,12 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 /// Refuses a folder of something else, and what stands in the way of a file, before anything is
 /// written.
 fn check(folder: &Path, files: &[File]) -> Result<(), Failure> {
-    let refused = |path: &Path, why| {
-        Err(Failure::Package {
-            path: path.to_owned(),
-            why,
-        })
-    };
+    let refused = |path: &Path, why| Err(failed(path)(why));
     let mut entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),

@@ -11,10 +11,11 @@ mod recording;
 mod schedule;
 mod trace;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use clap::Subcommand;
 use luna_model::Model;
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -62,17 +63,16 @@ pub(crate) fn drawing(path: &Path) -> Result<String, Failure> {
 }
 
 fn read(path: &Path) -> Result<Model, Failure> {
-    let text = fs::read_to_string(path).map_err(|error| Failure::ModelFile {
-        path: path.to_owned(),
-        error,
-    })?;
-    let problem = |problem| Failure::Model(Box::new(problem));
-    Model::parse(&path.display().to_string(), &text).map_err(problem)
+    let text = fs::read_to_string(path).map_err(failed(path))?;
+    Ok(Model::parse(&path.display().to_string(), &text)?)
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    fs::write(path, text).map_err(|error| Failure::ModelFile {
-        path: path.to_owned(),
-        error,
-    })
+    fs::write(path, text).map_err(failed(path))
+}
+
+/// Writes a file that is not there yet.
+fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
+    let written = fs::File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(failed(path))
 }

@@ -1,10 +1,9 @@
 //! `luna model new`: a model to begin with.
 
+use super::write_new;
 use crate::failure::Failure;
 use crate::print::say;
 use clap::Args;
-use std::fs::File;
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -18,13 +17,7 @@ pub(crate) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let path = &arguments.file;
-    let failed = |error| Failure::ModelFile {
-        path: path.clone(),
-        error,
-    };
-    let mut file = File::create_new(path).map_err(failed)?;
-    let written = file.write_all(luna_model::TEMPLATE.as_bytes());
-    written.map_err(failed)?;
+    write_new(path, luna_model::TEMPLATE)?;
     let path = path.display();
     say(&format!(
         "{path}: check it with `luna model check {path}`\n"

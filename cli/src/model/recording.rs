@@ -1,11 +1,10 @@
 //! What a recording says of communications, and of what communicates.
 
 use crate::convert::open;
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use luna_core::events::code;
 use luna_logger::format::{ClockBase, Event, Losing, ReadError, Record, Subject};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
 use std::path::Path;
 
 /// A recording, up to where it is whole.
@@ -58,48 +57,31 @@ pub(super) struct Slots {
 }
 
 /// Why a recording is not used to its end.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub(super) enum Cut {
     /// Events of this thread found no room in its ring.
+    #[error(
+        "{events} events of the thread {thread} were lost while it was recorded: give the \
+         rings more room (`Logging::room_for_events`, LUNA_LOG_EVENTS)"
+    )]
     Lost { thread: String, events: u64 },
     /// Blocks were lost on the way to the recorder.
+    #[error("{0} blocks were lost on the way to the recorder")]
     Blocks(u64),
     /// The recorder had to start again.
+    #[error("the recorder had to start again")]
     Again,
     /// The program was killed: what was lost just before is not recorded.
+    #[error("the recording has no end: what was lost just before is not known")]
     Killed,
     /// It is damaged.
+    #[error(transparent)]
     Damaged(ReadError),
-}
-
-impl fmt::Display for Cut {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Lost { thread, events } => write!(
-                f,
-                "{events} events of the thread {thread} were lost while it was recorded: give the \
-                 rings more room (`Logging::room_for_events`, LUNA_LOG_EVENTS)"
-            ),
-            Self::Blocks(blocks) => {
-                write!(f, "{blocks} blocks were lost on the way to the recorder")
-            }
-            Self::Again => write!(f, "the recorder had to start again"),
-            Self::Killed => write!(
-                f,
-                "the recording has no end: what was lost just before is not known"
-            ),
-            Self::Damaged(error) => write!(f, "{error}"),
-        }
-    }
 }
 
 impl Recording {
     /// Reads it. What comes after the first loss or damage is left out.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
-        let failed = |error: String| Failure::Log {
-            path: path.to_owned(),
-            error,
-        };
         let mut reader = open(path)?;
         let mut recording = Self::default();
         let mut has_start = false;
@@ -179,10 +161,9 @@ impl Recording {
         }
         if recording.communications.is_empty() && matches!(recording.cut, None | Some(Cut::Killed))
         {
-            return Err(failed(
+            return Err(failed(path)(
                 "it has no communications: record it with events (`Logging::events`, or \
-                 LUNA_LOG_EVENTS in its environment)"
-                    .to_owned(),
+                 LUNA_LOG_EVENTS in its environment)",
             ));
         }
         Ok(recording)

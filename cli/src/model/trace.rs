@@ -3,7 +3,7 @@
 use super::names::Names;
 use super::recording::Recording;
 use super::{UNKNOWN, read};
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use crate::text::Count;
 use clap::Args;
 use luna_model::{Communication, Rejected, TraceOptions, TraceVerdict, communication};
@@ -57,12 +57,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut hidden = Vec::new();
     for name in &arguments.hide {
         let found = channels.iter().position(|channel| channel == name);
-        hidden.push(found.ok_or_else(|| Failure::Log {
-            path: arguments.file.clone(),
-            error: format!(
-                "--hide {name}: it has no such channel; there are {}",
-                listed(&channels)
-            ),
+        hidden.push(found.ok_or_else(|| {
+            let there = listed(&channels);
+            let why = format!("--hide {name}: it has no such channel; there are {there}");
+            failed(&arguments.file)(why)
         })?);
     }
     let (events, seen): (Vec<Communication>, Vec<usize>) = recording
@@ -166,6 +164,7 @@ impl<W: Write> Report<'_, W> {
         names: &Names<'_>,
     ) -> io::Result<u8> {
         let recording = self.recording;
+        let after = Count(accepted as u64, "communication");
         match verdict {
             TraceVerdict::Accepted if self.events.is_empty() => {
                 writeln!(
@@ -197,23 +196,20 @@ impl<W: Write> Report<'_, W> {
             }
             // Up to here, what was lost may explain it.
             TraceVerdict::Rejected(rejected) if self.seen[rejected.latest] >= recording.certain => {
-                let accepted = Count(accepted as u64, "communication");
                 writeln!(
                     self.out,
-                    "unknown after {accepted}, since something may be missing there"
+                    "unknown after {after}, since something may be missing there"
                 )?;
                 self.cut()?;
                 self.rejected(rejected)?;
                 Ok(UNKNOWN)
             }
             TraceVerdict::Rejected(rejected) => {
-                let after = Count(accepted as u64, "communication");
                 writeln!(self.out, "trace rejected after {after}")?;
                 self.rejected(rejected)?;
                 Ok(1)
             }
             TraceVerdict::Unended(processes) => {
-                let after = Count(accepted as u64, "communication");
                 writeln!(self.out, "trace rejected after {after}, by the ends")?;
                 let recorded = names.processes.iter();
                 for (number, _) in recorded.filter(|(_, process)| processes.contains(process)) {
@@ -236,7 +232,6 @@ impl<W: Write> Report<'_, W> {
                 Ok(1)
             }
             TraceVerdict::TooLarge => {
-                let after = Count(accepted as u64, "communication");
                 writeln!(
                     self.out,
                     "unknown: after {after} the model may be in too many states, or the times leave \

@@ -1,8 +1,8 @@
 //! `luna echo`: the values of a channel or blackboard, as they come.
 
-use super::{broken_off, ended, refused, unusable, wait_for};
+use super::{broken_off, ended, refused, wait_for};
 use crate::args;
-use crate::failure::Failure;
+use crate::failure::{Failure, unusable};
 use clap::Args;
 use glob::Pattern;
 use luna::prelude::*;
@@ -87,10 +87,8 @@ fn channel(arguments: &Arguments, found: &Found) -> Result<ExitCode, Failure> {
     let (json, count) = (arguments.json, arguments.count);
     let (failed, failure) = mpsc::channel();
     let mut system = System::new("luna echo");
-    let main = system.executor("main").policy(Policy::Other).build();
-    let main = main.map_err(Failure::Luna)?;
-    let linked = main.process("link").spawn(link);
-    linked.map_err(Failure::Luna)?;
+    let main = system.executor("main").policy(Policy::Other).build()?;
+    main.process("link").spawn(link)?;
     let prints = async move {
         let mut left = count.unwrap_or(u64::MAX);
         while left > 0
@@ -109,7 +107,7 @@ fn channel(arguments: &Arguments, found: &Found) -> Result<ExitCode, Failure> {
         }
         Ok(())
     };
-    main.process("print").spawn(prints).map_err(Failure::Luna)?;
+    main.process("print").spawn(prints)?;
     drop(main);
     let ran = system.run();
     if let Ok(error) = failure.try_recv() {

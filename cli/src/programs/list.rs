@@ -4,10 +4,9 @@ use super::survey::Survey;
 use super::table;
 use crate::args;
 use crate::failure::Failure;
-use crate::print::print_json;
+use crate::print::{print, say};
 use clap::Args;
 use glob::Pattern;
-use std::io::{self, Write};
 use std::process::ExitCode;
 use std::thread::sleep;
 use std::time::Duration;
@@ -48,22 +47,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     loop {
         let survey = Survey::of(&arguments.names, arguments.interval);
         let survey = survey.map_err(Failure::SharedMemory)?;
-        print(arguments, &survey).map_err(Failure::Output)?;
+        print(arguments.json, &survey, || [table::draw(&survey)])?;
         let Some(pause) = arguments.watch else {
             return Ok(ExitCode::SUCCESS);
         };
+        if !arguments.json {
+            say("\n")?;
+        }
         sleep(Duration::from_secs_f64(pause).saturating_sub(arguments.interval));
     }
-}
-
-fn print(arguments: &Arguments, survey: &Survey) -> io::Result<()> {
-    let mut out = io::stdout().lock();
-    match arguments.json {
-        true => print_json(&mut out, survey)?,
-        false => out.write_all(table::draw(survey).as_bytes())?,
-    }
-    if arguments.watch.is_some() && !arguments.json {
-        writeln!(out)?;
-    }
-    out.flush()
 }

@@ -9,7 +9,7 @@ pub(crate) mod send;
 mod survey;
 mod table;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, unusable};
 use luna_ipc::IpcError;
 use luna_ipc::look::{self, Found};
 use std::fmt::Display;
@@ -34,14 +34,6 @@ fn wait_for(name: &str, wait: Duration) -> Result<Found, Failure> {
             ));
         }
         sleep(PAUSE);
-    }
-}
-
-/// What the user can put right.
-fn unusable(name: &str, error: impl Display) -> Failure {
-    Failure::Unusable {
-        name: name.to_owned(),
-        error: error.to_string(),
     }
 }
 

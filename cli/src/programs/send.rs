@@ -1,8 +1,8 @@
 //! `luna send`: values to a channel, or to a key of a blackboard.
 
-use super::{broken_off, ended, refused, unusable, wait_for};
+use super::{broken_off, ended, refused, wait_for};
 use crate::args;
-use crate::failure::Failure;
+use crate::failure::{Failure, unusable};
 use crate::text::Count;
 use clap::Args;
 use futures_lite::future;
@@ -101,13 +101,12 @@ fn send(arguments: &Arguments, found: &Found) -> Result<ExitCode, Failure> {
     let timeout = Duration::from_secs_f64(arguments.timeout);
     let (end, ends) = mpsc::channel();
     let mut system = System::new("luna send");
-    let main = system.executor("main").policy(Policy::Other).build();
-    let main = main.map_err(Failure::Luna)?;
+    let main = system.executor("main").policy(Policy::Other).build()?;
     let sends = async move {
         let _ = end.send(carry(values, sender, link, timeout).await?);
         Ok(())
     };
-    main.process("send").spawn(sends).map_err(Failure::Luna)?;
+    main.process("send").spawn(sends)?;
     drop(main);
     system.run().map_err(|error| ended(name, error))?;
     let seconds = arguments.timeout;

@@ -13,12 +13,12 @@ pub(super) fn draw(survey: &Survey) -> String {
     if !survey.programs.is_empty() {
         let head = ["PID", "PROGRAM", "SYSTEM", "THREADS"];
         let rows = survey.programs.iter().flat_map(program);
-        tables.push(table(head, &[0], rows));
+        tables.push(of_rows(head, &[0], rows));
     }
     if !survey.channels.is_empty() {
         let head = ["CHANNEL", "TYPE", "FROM", "TO", "VALUES", "PER S", "STATE"];
         let rows = survey.channels.iter().map(channel);
-        tables.push(table(head, &[4, 5], rows));
+        tables.push(of_rows(head, &[4, 5], rows));
     }
     if !survey.blackboards.is_empty() {
         let head = [
@@ -32,7 +32,7 @@ pub(super) fn draw(survey: &Survey) -> String {
             "VALUE",
         ];
         let rows = survey.blackboards.iter().flat_map(board);
-        tables.push(table(head, &[4, 5, 6], rows));
+        tables.push(of_rows(head, &[4, 5, 6], rows));
     }
     if tables.is_empty() {
         tables.push("nothing is there: no channel, blackboard or announced system\n".to_owned());
@@ -55,15 +55,6 @@ fn notes(survey: &Survey) -> String {
         );
     }
     text
-}
-
-fn table<const N: usize>(
-    head: [&str; N],
-    right: &[usize],
-    rows: impl IntoIterator<Item = [String; N]>,
-) -> String {
-    let head = head.map(str::to_owned);
-    of_rows(right, std::iter::once(head).chain(rows))
 }
 
 /// A row for each system of it, or one without.
@@ -95,19 +86,8 @@ fn thread(thread: &Thread) -> String {
         "{} {}{core}, {}",
         thread.name,
         thread.policy,
-        Processes(thread.processes)
+        Count(thread.processes as u64, "process")
     )
-}
-
-struct Processes(usize);
-
-impl std::fmt::Display for Processes {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.0 {
-            1 => f.write_str("1 process"),
-            number => write!(f, "{number} processes"),
-        }
-    }
 }
 
 /// By its system, if that is announced.

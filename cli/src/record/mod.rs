@@ -9,7 +9,7 @@ mod name;
 pub(crate) mod signals;
 
 use crate::args::{Messages, Record};
-use crate::failure::Failure;
+use crate::failure::{Failure, failed, unusable};
 use crate::scope::Shown;
 use crate::text::Count;
 use file::File;
@@ -29,15 +29,9 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
     if arguments.once
         && let Some(path) = &arguments.output
     {
-        FileSink::check_name(path).map_err(|error| Failure::Log {
-            path: path.clone(),
-            error: error.to_string(),
-        })?;
+        FileSink::check_name(path).map_err(failed(path))?;
     }
-    let failed = |error| Failure::Listen {
-        address: arguments.listen.clone(),
-        error,
-    };
+    let deaf = |error| unusable(format_args!("--listen {}", arguments.listen), error);
     let (end, ends) = channel();
     // Before any thread is made: all threads then leave the signals to the one that waits for them.
     signals::notify(end.clone());
@@ -51,7 +45,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         true => Receiver::udp(&*arguments.listen),
         false => Receiver::tcp(&*arguments.listen),
     }
-    .map_err(failed)?;
+    .map_err(deaf)?;
     let desk = Desk {
         output: arguments.output.clone().unwrap_or_default(),
         once: arguments.once,
@@ -61,7 +55,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         scope,
         files: Mutex::default(),
     };
-    let receiving = receiver.start(Arc::new(desk)).map_err(failed)?;
+    let receiving = receiver.start(Arc::new(desk)).map_err(deaf)?;
     let way = if arguments.udp { "udp" } else { "tcp" };
     say(format_args!(
         "listening on {way}://{}; Ctrl-C ends it",

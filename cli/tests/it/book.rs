@@ -1,15 +1,11 @@
 //! What the book shows of the command: its options are there, and its pictures are what it draws.
 
+use crate::run::{luna, luna_model, path};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 fn book() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../book")
-}
-
-fn luna() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
 }
 
 /// The chapters.
@@ -59,7 +55,7 @@ fn commands_of_the_book_have_their_options() {
             {
                 names.push(words[1]);
             }
-            let help = luna().args(&names).arg("--help").output().unwrap();
+            let help = luna(&[&names[..], &["--help"]].concat());
             let help = String::from_utf8(help.stdout).unwrap();
             let at = chapter.display();
             assert!(help.contains("Usage: luna"), "{at}: there is no {names:?}");
@@ -75,18 +71,10 @@ fn commands_of_the_book_have_their_options() {
 #[test]
 fn the_picture_of_the_axis_is_drawn_from_its_model() {
     let model = book().join("models/axis.toml");
-    let checked = luna()
-        .args(["model", "check"])
-        .arg(&model)
-        .output()
-        .unwrap();
+    let checked = luna_model(&["check", path(&model)]);
     let errors = String::from_utf8_lossy(&checked.stderr);
     assert_eq!(checked.status.code(), Some(0), "{errors}");
-    let drawn = luna()
-        .args(["model", "draw", "-o", "-"])
-        .arg(&model)
-        .output()
-        .unwrap();
+    let drawn = luna_model(&["draw", "-o", "-", path(&model)]);
     let shown = fs::read(book().join("src/pictures/axis.svg")).unwrap();
     assert_eq!(drawn.stdout, shown);
 }

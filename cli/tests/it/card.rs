@@ -1,13 +1,7 @@
 //! `luna demo --card mesa-sim`: Jiwy through the link to a simulated card.
 
-use std::process::{Command, Output};
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
+use crate::run::luna;
+use std::process::Output;
 
 #[test]
 fn the_demo_runs_through_a_simulated_card() {

@@ -1,31 +1,15 @@
 //! The command as its users meet it: what it prints, where, and its exit code.
 
 use crate::is_long;
+use crate::run::{command, file, luna, text};
 use serde_json::Value;
-use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
+use std::process::{Command, Stdio};
 
 /// The one JSON object that a complete run prints.
 fn json(arguments: &[&str]) -> Value {
     let output = luna(arguments);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else")
-}
-
-/// A file that this test alone has.
-fn file(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)
 }
 
 fn check_loop(report: &Value) {
@@ -107,8 +91,7 @@ fn demo_prints_json() {
 fn demo_that_ends_before_the_calibration_has_no_tracking_error() {
     let path = file("log");
     let demo = |more: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
-        command.args(["demo", "--virtual", "--seconds", "0.5"]);
+        let mut command = command(&["demo", "--virtual", "--seconds", "0.5"]);
         let output = command.args(more).env("LUNA_LOG", &path).output();
         output.expect("the program starts").stdout
     };
@@ -195,8 +178,7 @@ fn demo_takes_a_recording() {
 #[cfg(target_os = "linux")]
 #[test]
 fn interrupted_demo_still_reports() {
-    let child = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["demo", "--seconds", "600", "--json"])
+    let child = command(&["demo", "--seconds", "600", "--json"])
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()

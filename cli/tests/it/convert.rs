@@ -5,24 +5,14 @@ mod csv;
 mod damage;
 mod events;
 
+use crate::run::{luna, path, text};
 use luna_logger::Level;
 use luna_logger::format::{
     ClockBase, Event, Losing, Record, RunsOn, SignalInfo, Subject, Type, Values, Writer,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
+use std::process::Command;
 
 /// A folder that this test alone has, and a recording in it.
 fn recording(test: &str) -> (PathBuf, PathBuf) {
@@ -203,10 +193,6 @@ fn recording_of_events(test: &str) -> (PathBuf, PathBuf) {
     let (folder, file) = recording(test);
     fs::write(&file, events()).unwrap();
     (folder, file)
-}
-
-fn path(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 /// What the schema finds in a trace, if there is one.

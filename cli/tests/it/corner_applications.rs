@@ -1,8 +1,8 @@
 //! The humanoid head and TUlip as users run them. Their faults in virtual time are tests of their
 //! crates.
 
+use crate::run::luna;
 use serde_json::Value;
-use std::process::Command;
 
 /// What a run on a virtual clock prints, and its exit code.
 fn run(arguments: &str) -> (Value, Option<i32>) {
@@ -11,12 +11,8 @@ fn run(arguments: &str) -> (Value, Option<i32>) {
 
 /// What a run prints, and its exit code.
 fn run_really(arguments: &str) -> (Value, Option<i32>) {
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .arg("demo")
-        .args(arguments.split_whitespace())
-        .arg("--json")
-        .output()
-        .expect("the program starts");
+    let words: Vec<&str> = arguments.split_whitespace().collect();
+    let output = luna(&[&["demo"], &words[..], &["--json"]].concat());
     let said = String::from_utf8_lossy(&output.stderr);
     let run = serde_json::from_slice(&output.stdout);
     let run = run.unwrap_or_else(|error| panic!("{arguments}: {error}: {said}"));
@@ -79,10 +75,7 @@ fn vision_and_the_operator_may_be_programs_of_their_own() {
 #[test]
 fn another_program_has_no_virtual_clock() {
     for machine in ["head", "tulip"] {
-        let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-            .args(["demo", machine, "--deploy", "programs", "--virtual"])
-            .output()
-            .expect("the program starts");
+        let output = luna(&["demo", machine, "--deploy", "programs", "--virtual"]);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains("--deploy executor"), "{said}");

@@ -1,23 +1,12 @@
 //! `luna doctor` as its users meet it: on this machine, whatever it is, and on another's files.
 
+use crate::run::{json, luna, text};
 use serde_json::Value;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::Output;
 
 fn doctor(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .arg("doctor")
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
-
-fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else")
+    luna(&[&["doctor"], arguments].concat())
 }
 
 /// The findings of one part: (name, verdict).

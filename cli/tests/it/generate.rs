@@ -2,27 +2,17 @@
 //! by hand.
 
 use crate::is_long;
-use crate::package::{folder, lock, run_cargo, text, workspace};
+use crate::package::{folder, lock, run_cargo, workspace};
+use crate::run::{example, luna_model, path, text};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 #[path = "../../../tools/model/tests/it/random.rs"]
 pub(crate) mod random;
 
-pub(crate) fn example(name: &str) -> PathBuf {
-    workspace().join("examples/models").join(name)
-}
-
 fn command(model: &Path, folder: &Path, options: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "generate"])
-        .arg(model)
-        .arg("-o")
-        .arg(folder)
-        .args(options)
-        .output()
-        .expect("the program starts")
+    luna_model(&[&["generate", path(model), "-o", path(folder)], options].concat())
 }
 
 /// What the command says of each file: `written`, `unchanged` or `kept`, and its path.

@@ -1,6 +1,7 @@
 //! `luna list`, and recordings of what it lists.
 
-use crate::programs::{Killed, LIMIT, command, good, list, name, run};
+use crate::programs::{Killed, LIMIT, good, list, name, run};
+use crate::run::command;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;

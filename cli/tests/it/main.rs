@@ -35,6 +35,7 @@ mod record;
 mod recordings;
 #[cfg(target_os = "linux")]
 mod replay;
+mod run;
 mod schedule;
 mod schedule_recorded;
 mod scope;

@@ -1,11 +1,12 @@
 //! `luna convert` of several recordings: one trace, with flows between the programs.
 
 use crate::convert::read_trace;
+use crate::run::{luna, text};
 use crate::trace;
 use luna_core::events::code;
 use luna_logger::format::{ClockBase, Event, Record, Subject, Writer};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 /// A time on the clock of both programs, and what the day's clock says then.
 const BASE: u64 = 50_000_000_000;
@@ -13,13 +14,6 @@ const UNIX: i64 = 1_700_000_000_000_000_000;
 
 /// Names the session of the two.
 const SESSION: u64 = 0x1234_5678_9abc_def0;
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
 
 /// A recording of a program whose link gives or takes these values, so many ns after `BASE`, by a
 /// clock that began later than the other's by `behind`.
@@ -99,10 +93,6 @@ fn flows(trace: &Path) -> Vec<[u64; 2]> {
 fn convert(trace: &Path, files: &[&str], more: &[&str]) -> Output {
     let to = ["--to", "perfetto", "-o", trace.to_str().unwrap()];
     luna(&[&["convert"], files, &to, more].concat())
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
 }
 
 const IN_STEP: [[u64; 2]; 3] = [[100, 110], [200, 220], [300, 330]];

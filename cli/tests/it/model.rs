@@ -1,36 +1,11 @@
 //! `luna model`: what it prints, and its exit codes.
 
+use crate::run::{command, example, file, luna_model, path, text};
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .arg("model")
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
-
-fn example(name: &str) -> String {
-    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/models");
-    models.join(name).display().to_string()
-}
-
-/// A file that this test alone has, and that is not there.
-fn file(name: &str) -> PathBuf {
-    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = fs::remove_file(&path);
-    path
-}
 
 #[test]
 fn check_prints_the_circle_and_exits_with_1() {
-    let output = luna(&["check", &example("philosophers.toml")]);
+    let output = luna_model(&["check", path(&example("philosophers.toml"))]);
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("deadlock, after 10 steps:"), "{said}");
@@ -46,13 +21,13 @@ fn check_prints_the_circle_and_exits_with_1() {
 
 #[test]
 fn check_of_what_is_right_exits_with_0() {
-    let output = luna(&["check", &example("philosophers-repaired.toml")]);
+    let output = luna_model(&["check", path(&example("philosophers-repaired.toml"))]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stdout));
 }
 
 #[test]
 fn check_that_does_not_see_all_exits_with_4() {
-    let output = luna(&["check", &example("sieve.toml"), "--max-states", "10"]);
+    let output = luna_model(&["check", path(&example("sieve.toml")), "--max-states", "10"]);
     assert_eq!(output.status.code(), Some(4), "{}", text(&output.stdout));
     assert!(text(&output.stdout).contains("raise --max-states"));
 }
@@ -61,7 +36,7 @@ fn check_that_does_not_see_all_exits_with_4() {
 fn a_wrong_model_exits_with_2_and_its_place() {
     let path = file("wrong.toml");
     fs::write(&path, "[process.A]\nbody = \"a! $\"\n").unwrap();
-    let output = luna(&["check", &path.display().to_string()]);
+    let output = luna_model(&["check", &path.display().to_string()]);
     assert_eq!(output.status.code(), Some(2));
     let said = text(&output.stderr);
     assert!(
@@ -72,8 +47,8 @@ fn a_wrong_model_exits_with_2_and_its_place() {
 
 #[test]
 fn without_spin_the_exploration_runs_and_says_what_is_missing() {
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "check", "--spin", &example("commstime.toml")])
+    let model = example("commstime.toml");
+    let output = command(&["model", "check", "--spin", path(&model)])
         .env("PATH", "")
         .output()
         .expect("the program starts");
@@ -90,30 +65,30 @@ fn without_spin_the_exploration_runs_and_says_what_is_missing() {
 fn new_writes_a_model_once_and_draw_draws_it() {
     let path = file("begun.toml");
     let name = path.display().to_string();
-    assert_eq!(luna(&["new", &name]).status.code(), Some(0));
+    assert_eq!(luna_model(&["new", &name]).status.code(), Some(0));
     assert_eq!(
-        luna(&["new", &name]).status.code(),
+        luna_model(&["new", &name]).status.code(),
         Some(2),
         "it is there already"
     );
-    assert_eq!(luna(&["check", &name]).status.code(), Some(0));
+    assert_eq!(luna_model(&["check", &name]).status.code(), Some(0));
 
     let svg = file("begun.svg");
-    assert_eq!(luna(&["draw", &name]).status.code(), Some(0));
+    assert_eq!(luna_model(&["draw", &name]).status.code(), Some(0));
     assert!(fs::read_to_string(svg).unwrap().starts_with("<svg "));
     for (format, begin) in [("dot", "digraph "), ("mermaid", "flowchart LR")] {
-        let output = luna(&["draw", &name, "--to", format, "-o", "-"]);
+        let output = luna_model(&["draw", &name, "--to", format, "-o", "-"]);
         assert!(text(&output.stdout).starts_with(begin), "{format}");
     }
     let promela = file("begun.pml");
-    luna(&["check", &name, "--promela", &promela.display().to_string()]);
+    luna_model(&["check", &name, "--promela", &promela.display().to_string()]);
     assert!(
         fs::read_to_string(promela)
             .unwrap()
             .contains("active proctype p0()")
     );
     let cspm = file("begun.csp");
-    luna(&["check", &name, "--cspm", &cspm.display().to_string()]);
+    luna_model(&["check", &name, "--cspm", &cspm.display().to_string()]);
     let cspm = fs::read_to_string(cspm).unwrap();
     assert!(
         cspm.contains("assert System :[deadlock free [F]]"),

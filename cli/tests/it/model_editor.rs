@@ -5,12 +5,13 @@
 #[allow(dead_code, unreachable_pub, reason = "the scope's tests use the rest")]
 mod browser;
 
+use crate::run::command;
 use browser::{Browser, program};
 use std::fmt::Write;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 
 const WINDOW: (u32, u32) = (1400, 900);
 
@@ -45,8 +46,7 @@ fn open(name: &str, text: &str, more: &[&str]) -> Option<Page> {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("model.toml");
     fs::write(&file, text).unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "edit", "--listen", "127.0.0.1:0"])
+    let mut child = command(&["model", "edit", "--listen", "127.0.0.1:0"])
         .arg(&file)
         .args(more)
         .stdout(Stdio::piped())

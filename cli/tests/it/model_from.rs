@@ -1,6 +1,7 @@
 //! `luna model from`: its model accepts the recording that it is from.
 
-use crate::model_trace::{Run, commstime, file, luna, path, text, traced};
+use crate::model_trace::{Run, commstime, traced};
+use crate::run::{file, luna_model, path, text};
 use luna::log::Logging;
 use luna::prelude::*;
 use std::fs;
@@ -77,14 +78,14 @@ fn a_model_of_a_recording_accepts_it() {
         let recording = file(&format!("{name}.luna"));
         make(&recording).expect("it runs");
         let model = file(&format!("{name}.toml"));
-        let output = luna(&["from", path(&recording), "-o", path(&model)]);
+        let output = luna_model(&["from", path(&recording), "-o", path(&model)]);
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
         let made = fs::read_to_string(&model).unwrap();
         let (code, said) = traced(path(&model), &recording, &[]);
         assert_eq!(code, Some(0), "{name}: {said}\n{made}");
         assert!(said.starts_with("trace accepted: "), "{name}: {said}");
         // It is not written over: it may have been refined.
-        let again = luna(&["from", path(&recording), "-o", path(&model)]);
+        let again = luna_model(&["from", path(&recording), "-o", path(&model)]);
         assert_eq!(again.status.code(), Some(2));
         made
     };

@@ -1,40 +1,12 @@
 //! `luna model trace`, on recordings of systems that ran.
 
+use crate::run::{example, file, luna_model, path, text};
 use luna::log::Logging;
 use luna::prelude::*;
 use luna_core::events::code;
 use luna_logger::format::{Event, Losing, Record, Subject, Writer};
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-
-pub(crate) fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .arg("model")
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-pub(crate) fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
-
-/// A file that this test alone has, and that is not there.
-pub(crate) fn file(name: &str) -> PathBuf {
-    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = fs::remove_file(&path);
-    path
-}
-
-pub(crate) fn path(path: &Path) -> &str {
-    path.to_str().expect("a path of this test")
-}
-
-fn commstime_model() -> String {
-    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/models");
-    path(&models.join("commstime.toml")).to_owned()
-}
+use std::path::Path;
 
 /// What a run of commstime differs in.
 #[derive(Clone, Copy, Default)]
@@ -107,7 +79,7 @@ pub(crate) fn commstime(file: &Path, rounds: u64, run: Run) -> luna::Result<()> 
 }
 
 pub(crate) fn traced(model: &str, recording: &Path, more: &[&str]) -> (Option<i32>, String) {
-    let output = luna(&[&["trace", model, path(recording)], more].concat());
+    let output = luna_model(&[&["trace", model, path(recording)], more].concat());
     let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
     (output.status.code(), said)
 }
@@ -142,7 +114,7 @@ fn commstime_is_a_trace_of_its_model() {
     for (name, run) in runs {
         let recording = file(&format!("trace-{name}"));
         commstime(&recording, 500, run).expect("it runs");
-        let (code, said) = traced(&commstime_model(), &recording, &[]);
+        let (code, said) = traced(path(&example("commstime.toml")), &recording, &[]);
         assert_eq!(code, Some(0), "{name}: {said}");
         assert!(said.starts_with("trace accepted: "), "{name}: {said}");
         assert!(said.contains("of 4 channels, from "), "{name}: {said}");
@@ -162,7 +134,7 @@ fn what_a_model_does_not_allow_is_shown_with_what_it_does() {
         ..Run::default()
     };
     commstime(&recording, 20, run).expect("it runs");
-    let (code, said) = traced(&commstime_model(), &recording, &[]);
+    let (code, said) = traced(path(&example("commstime.toml")), &recording, &[]);
     assert_eq!(code, Some(1), "{said}");
     // The third number is the third on `out`, and comes a fourth time. What is rejected is that, or
     // the next number that delta takes too late.
@@ -182,7 +154,11 @@ fn what_a_model_does_not_allow_is_shown_with_what_it_does() {
     );
 
     // With the channel hidden, nothing is left to object to.
-    let (code, said) = traced(&commstime_model(), &recording, &["--hide", "out"]);
+    let (code, said) = traced(
+        path(&example("commstime.toml")),
+        &recording,
+        &["--hide", "out"],
+    );
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains("of 3 channels"), "{said}");
 }
@@ -191,7 +167,7 @@ fn what_a_model_does_not_allow_is_shown_with_what_it_does() {
 fn a_changed_model_rejects_the_recording() {
     let recording = file("trace-changed.luna");
     commstime(&recording, 20, Run::default()).expect("it runs");
-    let model = fs::read_to_string(commstime_model()).unwrap();
+    let model = fs::read_to_string(path(&example("commstime.toml"))).unwrap();
     let changed = file("trace-changed.toml");
     // The numbers are to reach the consumer after the successor has passed them on.
     let body = "loop { from?x; par { on!x | out!x } }";
@@ -251,7 +227,7 @@ fn ends_are_compared_on_request() {
     let recording = file("trace-ends.luna");
     commstime(&recording, 20, Run::default()).expect("it runs");
     // In the model no process ends.
-    let (code, said) = traced(&commstime_model(), &recording, &["--ends"]);
+    let (code, said) = traced(path(&example("commstime.toml")), &recording, &["--ends"]);
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("by the ends\n"), "{said}");
     assert!(
@@ -259,7 +235,7 @@ fn ends_are_compared_on_request() {
         "{said}"
     );
     // With a consumer that ends, the others end by their closed channels.
-    let model = fs::read_to_string(commstime_model()).unwrap();
+    let model = fs::read_to_string(path(&example("commstime.toml"))).unwrap();
     let ending = |rounds: u32| {
         let body = format!("body = \"\"\"\nfor k in 0..{rounds} {{");
         let changed = file("trace-ends.toml");
@@ -373,7 +349,7 @@ fn a_recording_without_events_is_refused() {
     let recording = file("trace-none.luna");
     let writer = Writer::new(Vec::new()).unwrap();
     fs::write(&recording, writer.finish().unwrap()).unwrap();
-    let (code, said) = traced(&commstime_model(), &recording, &[]);
+    let (code, said) = traced(path(&example("commstime.toml")), &recording, &[]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("record it with events"), "{said}");
 }

@@ -1,9 +1,10 @@
 //! Each model of `examples/models`: generated, run and recorded, and the recording is a trace of the
 //! model. A changed model, or a recording with a communication too many, is rejected.
 
-use crate::generate::{build, example, generate};
-use crate::model_trace::{path, traced};
-use crate::package::{cargo, folder, text};
+use crate::generate::{build, generate};
+use crate::model_trace::traced;
+use crate::package::{cargo, folder};
+use crate::run::{example, path, text};
 use luna_core::events::code;
 use luna_logger::format::{Reader, Record, Writer};
 use std::fs;

@@ -1,18 +1,14 @@
 //! `luna new`: each template compiles without a warning, passes its tests and runs, and what is
 //! there is never overwritten.
 
-use crate::package::{folder, lock, run_cargo, text, workspace};
+use crate::package::{folder, lock, run_cargo, workspace};
+use crate::run::{luna, path, text};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn command(arguments: &[&str], project: &Path) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .arg("new")
-        .arg(project)
-        .args(arguments)
-        .output()
-        .expect("the program starts")
+    luna(&[&["new", path(project)], arguments].concat())
 }
 
 /// A project of a template, in the layout of rustfmt.
@@ -168,8 +164,7 @@ fn all_templates_are_made() {
 #[test]
 fn a_project_elsewhere_depends_on_versions() {
     let elsewhere = tempfile::tempdir().expect("a folder of its own");
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["new", "arm", "--template", "axis"])
+    let output = crate::run::command(&["new", "arm", "--template", "axis"])
         .current_dir(&elsewhere)
         .output()
         .expect("the program starts");

@@ -1,5 +1,6 @@
 //! Packages that the command writes, and Cargo in them.
 
+use crate::run::{luna, path, text};
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,10 +9,6 @@ use std::sync::OnceLock;
 
 pub(crate) fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
-pub(crate) fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
 }
 
 fn temporary(kind: &str) -> PathBuf {
@@ -40,12 +37,8 @@ fn dependencies() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
         let package = folder("dependencies");
-        let made = Command::new(env!("CARGO_BIN_EXE_luna"))
-            .args(["new", "--template", "axis", "--luna"])
-            .arg(workspace())
-            .arg(&package)
-            .output()
-            .expect("the program starts");
+        let (luna_here, to) = (workspace(), path(&package));
+        let made = luna(&["new", "--template", "axis", "--luna", path(&luna_here), to]);
         assert!(made.status.success(), "{}", text(&made.stderr));
         lock(&package);
         let target = temporary("generated-target");

@@ -1,24 +1,22 @@
 //! The Production Cell in its deployments, as users run it. The drills in virtual time are tests of
 //! its crate.
 
+use crate::run::{json, luna};
 use serde_json::Value;
-use std::process::{Command, Output};
+use std::process::Output;
 
-fn luna(arguments: &str) -> Output {
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["demo", "production-cell"])
-        .args(arguments.split_whitespace())
-        .output();
-    output.expect("the program starts")
+fn production_cell(arguments: &str) -> Output {
+    let words: Vec<&str> = arguments.split_whitespace().collect();
+    luna(&[&["demo", "production-cell"], &words[..]].concat())
 }
 
 /// What a run prints that has lost no block.
 fn good(arguments: &str) -> Value {
-    let output = luna(&format!("{arguments} --json"));
+    let output = production_cell(&format!("{arguments} --json"));
     let said = String::from_utf8_lossy(&output.stderr);
     let run = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{arguments}: {run}\n{said}");
-    let run: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    let run = json(&output);
     for count in ["lost", "doubled", "collisions"] {
         assert_eq!(run[count], 0, "{run}");
     }
@@ -130,7 +128,7 @@ fn what_cannot_be_is_refused_with_a_remedy() {
         ("--fault stuck-toaster", "moulder-door"),
         ("--fault melted-feeder", "stuck-UNIT"),
     ] {
-        let output = luna(arguments);
+        let output = production_cell(arguments);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
         assert!(said.contains(says), "{arguments}: {said}");

@@ -1,11 +1,12 @@
 //! `luna echo` and `luna send`. The test is the other program.
 
+use crate::run::{command, luna, text};
 use luna::prelude::*;
 use luna::{Policy, Process};
 use luna_ipc::{Blackboard, ZeroCopySend};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Stdio};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -18,20 +19,6 @@ pub(crate) const LIMIT: Duration = Duration::from_secs(60);
 struct Block {
     number: u64,
     height: f64,
-}
-
-pub(crate) fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
-    command.args(arguments);
-    command
-}
-
-pub(crate) fn luna(arguments: &[&str]) -> Output {
-    command(arguments).output().expect("the program starts")
-}
-
-pub(crate) fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
 }
 
 /// What it has printed, if it was content.

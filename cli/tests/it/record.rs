@@ -1,6 +1,7 @@
 //! `luna record`: what other programs send is in a file of each, whole, however it ends.
 #![cfg(unix)]
 
+use crate::run::{command, luna, text};
 use luna_logger::format::{Reader, Record};
 use luna_logger::{Hub, Level, Logging, Recorder, Signal, message};
 use nix::sys::signal::{Signal as Number, kill};
@@ -9,7 +10,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::net::{Shutdown, TcpStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdout, Stdio};
 use std::time::Duration;
 
 /// Longer than any test takes.
@@ -25,8 +26,7 @@ struct Listening {
 
 impl Listening {
     fn start(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
-            .args(["record", "--listen", "127.0.0.1:0"])
+        let mut child = command(&["record", "--listen", "127.0.0.1:0"])
             .args(arguments)
             .current_dir(folder)
             .stdout(Stdio::piped())
@@ -117,8 +117,7 @@ fn once_takes_one_recording_into_a_file() {
 #[test]
 fn what_comes_is_shown_in_the_scope_too() {
     let folder = folder("scope");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["record", "--once", "-o", "run.luna", "--listen"])
+    let mut child = command(&["record", "--once", "-o", "run.luna", "--listen"])
         .args(["127.0.0.1:0", "--scope", "127.0.0.1:0"])
         .current_dir(&folder)
         .stdout(Stdio::piped())
@@ -150,14 +149,8 @@ fn what_comes_is_shown_in_the_scope_too() {
 #[test]
 fn several_senders_are_shown_together() {
     let folder = folder("together");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args([
-            "record",
-            "--listen",
-            "127.0.0.1:0",
-            "--scope",
-            "127.0.0.1:0",
-        ])
+    let mut child = command(&["record", "--listen", "127.0.0.1:0"])
+        .args(["--scope", "127.0.0.1:0"])
         .current_dir(&folder)
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -267,10 +260,7 @@ fn a_limit_is_kept_and_the_file_is_good() {
 
 #[test]
 fn an_address_that_cannot_be_had_is_named() {
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["record", "--listen", "nowhere"])
-        .output()
-        .unwrap();
+    let output = luna(&["record", "--listen", "nowhere"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("--listen nowhere"));
+    assert!(text(&output.stderr).contains("--listen nowhere"));
 }

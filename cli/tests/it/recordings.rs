@@ -1,23 +1,6 @@
 //! Recordings that the demo makes, and what is asked of them in a wrong way.
 
-use std::path::PathBuf;
-use std::process::{Command, Output};
-
-fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
-
-/// A file that this test alone has.
-fn file(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)
-}
+use crate::run::{command, file, luna, text};
 
 /// Each program that reads a recording of the logger or a replay log distinguishes them.
 #[test]
@@ -50,8 +33,7 @@ fn a_name_of_the_other_kind_of_file_is_refused() {
     let is_log = ("recording of", log.to_str().expect("a path of this test"));
     let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
     let with = |more: &[&str]| luna(&[&demo[..], more].concat());
-    let by_variable = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(demo)
+    let by_variable = command(&demo)
         .env("LUNA_LOG", &replay)
         .output()
         .expect("the program starts");

@@ -1,28 +1,24 @@
 //! Counterexamples of `luna model check --replay`: generated programs follow them, or say where they
 //! depart.
 
-use crate::generate::{build, example, generate, random};
+use crate::generate::{build, generate, random};
 use crate::is_long;
-use crate::package::{folder, run_cargo, text};
+use crate::package::{folder, run_cargo};
+use crate::run::{example, luna_model, path, text};
 use luna_model::{FindingKind, Model};
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// Writes the way to the model's deadlock into the folder of the generated package.
 fn counterexample(model: &Path, folder: &Path) -> PathBuf {
     let file = folder.join("deadlock.replay");
-    let output = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "check", "--replay"])
-        .args([&file, model])
-        .output()
-        .expect("the program starts");
+    let output = luna_model(&["check", "--replay", path(&file), path(model)]);
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
     file
 }
 
-/// What the package says of a counterexample, and its exit code.
+/// What the package says of a counterand its exit code.
 fn follow(folder: &Path, file: &Path) -> (String, Option<i32>) {
     let file = file.display().to_string();
     let output = run_cargo(folder, "run", &["--quiet", "--", "--replay", &file]);

@@ -1,8 +1,9 @@
 //! `luna model schedule`: bounds and verdicts.
 
+use crate::run::{self, luna_model, text};
 use std::fs;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::Output;
 
 pub(crate) const MODEL: &str = r#"
 name = "arm"
@@ -38,12 +39,7 @@ latency = "20 us"
 pub(crate) fn schedule(name: &str, model: &str, options: &[&str]) -> Output {
     let path = file(&format!("{name}.toml"));
     fs::write(&path, model).unwrap();
-    Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "schedule"])
-        .arg(&path)
-        .args(options)
-        .output()
-        .expect("the program starts")
+    luna_model(&[&["schedule", run::path(&path)], options].concat())
 }
 
 /// A file that this test alone has.
@@ -52,11 +48,11 @@ pub(crate) fn file(name: &str) -> PathBuf {
 }
 
 pub(crate) fn out(output: &Output) -> &str {
-    std::str::from_utf8(&output.stdout).expect("output is text")
+    text(&output.stdout)
 }
 
 pub(crate) fn err(output: &Output) -> &str {
-    std::str::from_utf8(&output.stderr).expect("output is text")
+    text(&output.stderr)
 }
 
 /// What it has printed, without the ends of lines.

@@ -1,26 +1,21 @@
 //! `luna demo --scope` and `luna scope`: what they serve.
 
+use crate::run::command;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::mpsc;
 use std::time::Duration;
 use tungstenite::{Message, WebSocket};
 
 const ANYWHERE: &str = "127.0.0.1:0";
 
-fn luna(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
-    command.args(arguments);
-    command
-}
-
 /// Starts it. Returns where its scope listens, with the token behind a slash and a hash if there is
 /// one.
 fn served(arguments: &[&str]) -> (Child, String) {
-    let mut child = luna(arguments)
+    let mut child = command(arguments)
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
@@ -128,7 +123,7 @@ fn several_recordings_are_shown_together() {
 
     let ends = |files: &[&str]| {
         let options = ["--once", "--speed", "max", "--listen", ANYWHERE];
-        let output = luna(&[&["scope"], files, &options].concat()).output();
+        let output = command(&[&["scope"], files, &options].concat()).output();
         let output = output.expect("it starts");
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         (output.status.code(), said)
@@ -158,7 +153,7 @@ fn a_picture_is_read_from_a_file() {
     let (child, address) = served(&[&options[..], &[svg]].concat());
     look_for(&address, br#""picture":"<svg/>""#);
     end(child);
-    let missing = luna(&[&options[..], &["missing.svg"]].concat()).output();
+    let missing = command(&[&options[..], &["missing.svg"]].concat()).output();
     let missing = missing.expect("it starts");
     let said = String::from_utf8_lossy(&missing.stderr);
     assert_eq!(missing.status.code(), Some(2), "{said}");
@@ -187,7 +182,7 @@ fn a_model_is_drawn_as_the_picture() {
     look_for(&address, br#"data-channel=\"out\""#);
     end(child);
     let said = |more: &[&str]| {
-        let ended = luna(&[&options[..], more].concat()).output();
+        let ended = command(&[&options[..], more].concat()).output();
         let ended = ended.expect("it starts");
         let said = String::from_utf8_lossy(&ended.stderr).into_owned();
         assert_eq!(ended.status.code(), Some(2), "{said}");
@@ -333,7 +328,7 @@ fn a_recording_is_shown_until_the_program_is_ended() {
 fn once_ends_with_the_recording_and_says_whether_it_was_whole() {
     let path = recording("once.luna");
     let once = |path: &str| {
-        let output = luna(&["scope", path, "--listen", ANYWHERE, "--once"]).output();
+        let output = command(&["scope", path, "--listen", ANYWHERE, "--once"]).output();
         let output = output.expect("the program starts");
         let said = String::from_utf8(output.stderr).expect("text");
         (output.status.code(), said)
@@ -354,7 +349,7 @@ fn once_ends_with_the_recording_and_says_whether_it_was_whole() {
 /// How a program ends by itself, and its last line of output. A program that does not end within a
 /// minute is killed.
 fn end_of(arguments: &[&str]) -> (Option<i32>, String) {
-    let mut child = luna(arguments)
+    let mut child = command(arguments)
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()

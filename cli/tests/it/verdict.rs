@@ -1,19 +1,8 @@
 //! What the demo says first, what `--strict` makes of it, and what it says of privileges.
 
+use crate::run::{luna, text};
 use serde_json::Value;
-use std::process::{Command, Output, Stdio};
-
-fn luna(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
-    command
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is text")
-}
+use std::process::{Command, Stdio};
 
 #[test]
 fn the_verdict_comes_first_and_table_4_on_request() {

@@ -194,6 +194,43 @@ pub(crate) enum Step {
     Wait(Vec<Edge>),
 }
 
+impl Agent {
+    /// Which places a path from these comes to.
+    pub(crate) fn reached(&self, mut open: Vec<usize>) -> Vec<bool> {
+        let mut reached = vec![false; self.code.len()];
+        while let Some(at) = open.pop() {
+            if !std::mem::replace(&mut reached[at], true) {
+                open.extend(self.code[at].step.after());
+            }
+        }
+        reached
+    }
+}
+
+impl Step {
+    /// The moves of which it waits for one.
+    pub(crate) fn edges(&self) -> &[Edge] {
+        match self {
+            Self::Wait(edges) => edges,
+            _ => &[],
+        }
+    }
+
+    /// The places that may come after it.
+    pub(crate) fn after(&self) -> Vec<usize> {
+        match self {
+            Self::End => Vec::new(),
+            Self::Goto(next)
+            | Self::Assign(_, _, next)
+            | Self::Assert(_, next)
+            | Self::Fork(_, next)
+            | Self::Join(_, next) => vec![*next],
+            Self::Branch(_, then, otherwise) => vec![*then, *otherwise],
+            Self::Wait(edges) => edges.iter().map(|edge| edge.next).collect(),
+        }
+    }
+}
+
 #[derive(Debug)]
 pub(crate) struct Edge {
     pub(crate) condition: Option<Expr<usize>>,

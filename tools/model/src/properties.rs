@@ -3,7 +3,7 @@
 use crate::elaborate::{Elaborator, Scope};
 use crate::language::expr::Expr;
 use crate::language::parser::Path;
-use crate::network::{Atom, Label, Network, Step};
+use crate::network::{Atom, Label, Network};
 use crate::text::{Problem, Source, nearest};
 
 pub(crate) fn resolve(elaborator: &mut Elaborator<'_>) -> Result<(), Problem> {
@@ -76,10 +76,7 @@ fn atom(source: Source<'_>, network: &Network, path: &Path) -> Result<Expr<Atom>
             if found.process != number {
                 continue;
             }
-            let Step::Wait(edges) = &found_place.step else {
-                continue;
-            };
-            if let [edge] = &edges[..]
+            if let [edge] = found_place.step.edges()
                 && let Label::Own(name) = &edge.label
             {
                 known.insert(name.as_str());

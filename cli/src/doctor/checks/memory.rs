@@ -1,9 +1,9 @@
 //! Memory: what could make a thread wait for a page.
 
+use super::better_off;
 use super::permissions::can_lock_memory;
-use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
-use crate::doctor::machine::{Machine, missing_is};
+use crate::doctor::machine::Machine;
 use luna_platform::facts::Unread;
 
 pub(super) const CHECKS: &[Check] = &[
@@ -73,8 +73,5 @@ fn huge_pages(machine: &Machine) -> Result<Seen, Unread> {
 
 fn numa_balancing(machine: &Machine) -> Result<Seen, Unread> {
     let from = "/proc/sys/kernel/numa_balancing";
-    Ok(match missing_is(machine.source.parse(from, number), 0)? {
-        0 => Seen::good("off", from),
-        _ => Seen::better("on", from, "`sysctl -w kernel.numa_balancing=0`"),
-    })
+    better_off(machine, from, "`sysctl -w kernel.numa_balancing=0`")
 }

@@ -14,7 +14,10 @@ mod watchdogs;
 
 pub(crate) use virtual_machine::steal_seen;
 
-use super::finding::Check;
+use super::facts::number;
+use super::finding::{Check, Seen};
+use super::machine::{Machine, missing_is};
+use luna_platform::facts::Unread;
 
 /// All of them, in the order in which they are shown.
 pub(crate) fn all() -> impl Iterator<Item = &'static Check> {
@@ -32,4 +35,12 @@ pub(crate) fn all() -> impl Iterator<Item = &'static Check> {
     ]
     .into_iter()
     .flatten()
+}
+
+/// Of a switch of the kernel, which a kernel without it has off.
+fn better_off(machine: &Machine, from: &str, advice: &str) -> Result<Seen, Unread> {
+    Ok(match missing_is(machine.source.parse(from, number), 0)? {
+        0 => Seen::good("off", from),
+        _ => Seen::better("on", from, advice),
+    })
 }

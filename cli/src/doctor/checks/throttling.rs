@@ -1,5 +1,6 @@
 //! How much of a core real-time threads may take.
 
+use super::better_off;
 use crate::doctor::facts::{command_line, number};
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
@@ -181,9 +182,9 @@ fn quota(machine: &Machine) -> Result<Seen, Unread> {
 
 fn autogroup(machine: &Machine) -> Result<Seen, Unread> {
     let from = "/proc/sys/kernel/sched_autogroup_enabled";
-    let enabled = missing_is(machine.source.parse(from, number), 0)?;
-    Ok(match enabled {
-        0 => Seen::good("off", from),
-        _ => Seen::better("on", from, "`sysctl -w kernel.sched_autogroup_enabled=0`"),
-    })
+    better_off(
+        machine,
+        from,
+        "`sysctl -w kernel.sched_autogroup_enabled=0`",
+    )
 }

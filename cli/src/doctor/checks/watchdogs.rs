@@ -1,5 +1,6 @@
 //! The kernel's own watchdogs, which interrupt every core that they watch.
 
+use super::better_off;
 use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
@@ -23,14 +24,8 @@ pub(super) const CHECKS: &[Check] = &[
 
 fn nmi(machine: &Machine) -> Result<Seen, Unread> {
     let from = "/proc/sys/kernel/nmi_watchdog";
-    Ok(match missing_is(machine.source.parse(from, number), 0)? {
-        0 => Seen::good("off", from),
-        _ => Seen::better(
-            "on",
-            from,
-            "`sysctl -w kernel.nmi_watchdog=0`, or boot with nmi_watchdog=0",
-        ),
-    })
+    let advice = "`sysctl -w kernel.nmi_watchdog=0`, or boot with nmi_watchdog=0";
+    better_off(machine, from, advice)
 }
 
 fn lockup(machine: &Machine) -> Result<Seen, Unread> {

@@ -1,6 +1,6 @@
 //! How long it takes to wake a thread on another core.
 
-use super::{Bounds, Measured, Measurement, p99, threads};
+use super::{Measured, Measurement, WAKE_UP, threads};
 use crate::doctor::finding::Finding;
 use luna::{Instant, now};
 use luna_platform::futex::Futex;
@@ -13,12 +13,6 @@ const MAX_PAIRS: usize = 16;
 /// An answer that takes longer ends the measurement.
 const PATIENCE: Duration = Duration::from_secs(5);
 const WHY: &str = "what a message to a sleeping executor on another core takes at least";
-/// As for a wake-up from sleep.
-const BOUNDS: Bounds = Bounds {
-    good: 50_000,
-    bad: 1_000_000,
-    by: p99,
-};
 
 /// Each core and the next one, `each` in all.
 pub(super) fn between(cores: &[usize], each: Duration) -> Vec<Finding> {
@@ -34,7 +28,7 @@ pub(super) fn between(cores: &[usize], each: Duration) -> Vec<Finding> {
             name: format!("wake-core-{from}-to-{to}"),
             why: WHY,
             advice: "see the findings above on idle-states, cpu-dma-latency and hypervisor; or put both ends on one executor",
-            bounds: BOUNDS,
+            bounds: WAKE_UP,
         };
         measurement.finding(from_to(from, to, share))
     });

@@ -1,6 +1,6 @@
 //! How long a thread waits for the priority-inheriting lock that another one keeps taking.
 
-use super::{Bounds, Measured, Measurement, p99, threads};
+use super::{Measured, Measurement, WAKE_UP, threads};
 use crate::doctor::finding::Finding;
 use luna::now;
 use luna_platform::futex::Futex;
@@ -16,12 +16,6 @@ const PERIOD: Duration = Duration::from_micros(200);
 const HELD: Duration = Duration::from_micros(2);
 /// For the other to begin.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// The section, the boost, and the way through the kernel.
-const BOUNDS: Bounds = Bounds {
-    good: 50_000,
-    bad: 1_000_000,
-    by: p99,
-};
 
 /// `each` long: the low thread on the first core, the high one on the last.
 pub(super) fn under_contention(cores: &[usize], each: Duration) -> Finding {
@@ -29,7 +23,7 @@ pub(super) fn under_contention(cores: &[usize], each: Duration) -> Finding {
         name: "lock-contended".to_owned(),
         why: "channels, barriers and locks are guarded by this lock: what a high thread waits for a low one inside it",
         advice: "see the findings above on preemption and hypervisor",
-        bounds: BOUNDS,
+        bounds: WAKE_UP,
     };
     let low = cores.first().copied().unwrap_or(0);
     let high = cores.last().copied().unwrap_or(0);

@@ -6,7 +6,7 @@ mod lock;
 mod threads;
 mod wake_up;
 
-use super::finding::{Finding, Part, Times, Verdict};
+use super::finding::{Finding, Part, Seen, Times};
 use super::machine::Machine;
 use luna_platform::facts::parse::{core_list, write_core_list};
 use luna_platform::latency::DmaLatency;
@@ -32,6 +32,18 @@ struct Bounds {
     /// The figure that is compared with them.
     by: fn(&Times) -> u64,
 }
+
+/// Of what wakes a sleeping thread: a twentieth of the period of a fast control loop, and the
+/// period, after which a slot is missed.
+const WAKE_UP: Bounds = Bounds {
+    good: 50_000,
+    bad: 1_000_000,
+    by: p99,
+};
+
+/// What a finding is from that has no times.
+const MEASUREMENT: &str = "the measurement";
+const AGAIN: &str = "run `luna doctor` again on an idle machine, without --quick";
 
 /// Latencies are judged by their 99th percentile.
 fn p99(times: &Times) -> u64 {
@@ -83,57 +95,34 @@ fn cores(machine: &Machine) -> Vec<usize> {
 impl Measurement {
     /// Judges what was measured, or gives the reason why nothing was.
     fn finding(self, outcome: Result<Measured, String>) -> Finding {
-        let (verdict, read, from, advice, ns) = match outcome {
-            Ok(Measured { times, how }) => match times_of(times) {
-                Some(times) => {
-                    let verdict = match (self.bounds.by)(&times) {
-                        ns if ns <= self.bounds.good => Verdict::Good,
-                        ns if ns <= self.bounds.bad => Verdict::CouldBeBetter,
-                        _ => Verdict::Bad,
-                    };
-                    let advice = (verdict != Verdict::Good).then(|| self.advice.to_owned());
-                    (verdict, times.text(), how, advice, Some(times))
-                }
-                None => unknown(
-                    "nothing was measured in the time that there was".to_owned(),
-                    how,
-                ),
-            },
-            Err(why) => unknown(why, "the measurement".to_owned()),
+        let unknown = |why: &str, how| (Seen::unknown(why, how, AGAIN), None);
+        let (seen, ns) = match outcome.map(|Measured { times, how }| (times_of(times), how)) {
+            Ok((Some(times), how)) => {
+                let read = times.text();
+                let seen = match (self.bounds.by)(&times) {
+                    ns if ns <= self.bounds.good => Seen::good(read, how),
+                    ns if ns <= self.bounds.bad => Seen::better(read, how, self.advice),
+                    _ => Seen::bad(read, how, self.advice),
+                };
+                (seen, Some(times))
+            }
+            Ok((None, how)) => unknown("nothing was measured in the time that there was", how),
+            Err(why) => unknown(&why, MEASUREMENT.to_owned()),
         };
-        Finding {
-            name: self.name,
-            part: Part::Measurement,
-            verdict,
-            read,
-            from,
-            why: self.why,
-            advice,
-            ns,
-        }
+        let finding = seen.finding(self.name, Part::Measurement, self.why);
+        Finding { ns, ..finding }
     }
-}
-
-fn unknown(why: String, how: String) -> (Verdict, String, String, Option<String>, Option<Times>) {
-    let advice = "run `luna doctor` again on an idle machine, without --quick".to_owned();
-    (Verdict::Unknown, why, how, Some(advice), None)
 }
 
 /// The finding on cores that were not measured, if there are any.
 fn left_out(name: &str, why: &'static str, cores: &[usize]) -> Option<Finding> {
     let last = cores.last()?;
-    Some(Finding {
-        name: name.to_owned(),
-        part: Part::Measurement,
-        verdict: Verdict::Unknown,
-        read: format!("the time was up before {}", write_core_list(cores)),
-        from: "the measurement".to_owned(),
-        why,
-        advice: Some(format!(
-            "run it on fewer cores (`taskset -c {last} luna doctor`), or `luna jitter --core {last}`"
-        )),
-        ns: None,
-    })
+    let read = format!("the time was up before {}", write_core_list(cores));
+    let advice = format!(
+        "run it on fewer cores (`taskset -c {last} luna doctor`), or `luna jitter --core {last}`"
+    );
+    let seen = Seen::unknown(read, MEASUREMENT, advice);
+    Some(seen.finding(name, Part::Measurement, why))
 }
 
 fn times_of(mut times: Vec<u64>) -> Option<Times> {
@@ -170,17 +159,14 @@ impl Times {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::doctor::finding::Verdict;
 
     fn judged(times: Vec<u64>) -> Finding {
         let measurement = Measurement {
             name: "x".to_owned(),
             why: "y",
             advice: "z",
-            bounds: Bounds {
-                good: 50_000,
-                bad: 1_000_000,
-                by: p99,
-            },
+            bounds: WAKE_UP,
         };
         measurement.finding(Ok(Measured {
             times,

@@ -1,6 +1,6 @@
 //! How late a thread wakes that sleeps until an instant, on each core.
 
-use super::{Bounds, Measured, Measurement, p99, threads};
+use super::{Measured, Measurement, WAKE_UP, threads};
 use crate::doctor::finding::Finding;
 use luna::{Instant, now};
 use luna_platform::futex::Futex;
@@ -11,12 +11,6 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// The fewest wake-ups that allow a verdict.
 const FEWEST: u32 = 20;
 const WHY: &str = "what every loop on this core is late by, before it has done anything";
-/// A twentieth of the period; more than the period and a slot is missed.
-const BOUNDS: Bounds = Bounds {
-    good: 50_000,
-    bad: 1_000_000,
-    by: p99,
-};
 
 /// After this long no other core is begun.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -41,7 +35,7 @@ pub(super) fn on_each(cores: &[usize], each: Duration) -> Vec<Finding> {
             why: WHY,
             advice: "see the findings above on preemption, isolated-cores, idle-states, governor and hypervisor, then measure for \
                      longer: `luna jitter`",
-            bounds: BOUNDS,
+            bounds: WAKE_UP,
         };
         findings.push(measurement.finding(on(core, wake_ups)));
     }

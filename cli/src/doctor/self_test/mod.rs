@@ -10,7 +10,7 @@ mod platform;
 mod safety;
 mod time;
 
-use super::finding::{Finding, Part, Verdict};
+use super::finding::{Finding, Part, Seen};
 use luna::System;
 use std::fmt;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 /// A check that takes longer hangs: they take milliseconds, and a second or two on a machine that
 /// is very busy.
 const PATIENCE: Duration = Duration::from_secs(20);
+const REPORT_IT: &str = "the library does not work here: report it with this output";
 
 /// A check of one component. A new component is one more of these in a list of this folder.
 #[derive(Debug)]
@@ -86,39 +87,25 @@ fn run_one(test: &Test, patience: Duration) -> Finding {
         })),
     };
     let took = started.elapsed().as_millis();
-    let report_it = "the library does not work here: report it with this output".to_owned();
-    let (verdict, read, advice) = match outcome {
-        Ok(Ok(done)) => (Verdict::Good, format!("{done}, in {took} ms"), None),
-        Ok(Err(Trouble::Failed(why))) => (
-            Verdict::Bad,
-            format!("failed after {took} ms: {why}"),
-            Some(report_it),
-        ),
-        Ok(Err(Trouble::CannotRun { why, how })) => {
-            (Verdict::Unknown, format!("not run: {why}"), Some(how))
+    let from = test.component;
+    let seen = match outcome {
+        Ok(Ok(done)) => Seen::good(format!("{done}, in {took} ms"), from),
+        Ok(Err(Trouble::Failed(why))) => {
+            Seen::bad(format!("failed after {took} ms: {why}"), from, REPORT_IT)
         }
-        Err(RecvTimeoutError::Timeout) => (
-            Verdict::Bad,
-            format!("hangs: no end within {} s", patience.as_secs_f32()),
-            Some(report_it),
-        ),
+        Ok(Err(Trouble::CannotRun { why, how })) => {
+            Seen::unknown(format!("not run: {why}"), from, how)
+        }
+        Err(RecvTimeoutError::Timeout) => {
+            let seconds = patience.as_secs_f32();
+            Seen::bad(format!("hangs: no end within {seconds} s"), from, REPORT_IT)
+        }
         // Only a panic drops the sender before it has sent.
-        Err(RecvTimeoutError::Disconnected) => (
-            Verdict::Bad,
-            format!("panicked after {took} ms"),
-            Some(report_it),
-        ),
+        Err(RecvTimeoutError::Disconnected) => {
+            Seen::bad(format!("panicked after {took} ms"), from, REPORT_IT)
+        }
     };
-    Finding {
-        name: test.name.to_owned(),
-        part: Part::SelfTest,
-        verdict,
-        read,
-        from: test.component.to_owned(),
-        why: test.shows,
-        advice,
-        ns: None,
-    }
+    seen.finding(test.name, Part::SelfTest, test.shows)
 }
 
 /// An error unless both are the same.
@@ -176,6 +163,7 @@ fn run_both(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::doctor::finding::Verdict;
     use std::collections::HashSet;
 
     fn within(patience: Duration, run: fn() -> Outcome) -> Finding {

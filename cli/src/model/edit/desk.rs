@@ -61,8 +61,7 @@ struct Refused {
 impl Desk {
     pub(super) fn open(path: &Path, costs: Option<PathBuf>) -> Result<Self, Failure> {
         let file = Kept::open(path)?;
-        let wrong = |problem| Failure::Model(Box::new(problem));
-        let draft = Draft::new(&file.name, file.content()).map_err(wrong)?;
+        let draft = Draft::new(&file.name, file.content())?;
         Ok(Self {
             costs,
             state: Mutex::new(State {

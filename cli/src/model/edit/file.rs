@@ -1,6 +1,6 @@
 //! The file on the disk, which others may write too.
 
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -17,14 +17,10 @@ pub(super) struct Kept {
 
 impl Kept {
     pub(super) fn open(path: &Path) -> Result<Self, Failure> {
-        let failed = |error| Failure::ModelFile {
-            path: path.to_owned(),
-            error,
-        };
         Ok(Self {
             name: path.display().to_string(),
-            content: fs::read_to_string(path).map_err(failed)?,
-            path: fs::canonicalize(path).map_err(failed)?,
+            content: fs::read_to_string(path).map_err(failed(path))?,
+            path: fs::canonicalize(path).map_err(failed(path))?,
         })
     }
 

@@ -24,6 +24,7 @@ mod findings;
 mod page;
 
 use crate::failure::Failure;
+use crate::scope::unserved;
 use clap::Args;
 use desk::Desk;
 use luna_scope::{Scope, Settings};
@@ -55,10 +56,9 @@ pub(crate) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let desk = Desk::open(&arguments.file, arguments.costs.clone())?;
     let address = arguments.listen;
-    let failed = |error| Failure::Scope { address, error };
     let settings = Settings::default().address(address);
-    let settings = settings.site(Arc::new(desk)).map_err(failed)?;
-    let scope = Scope::open(settings).map_err(failed)?;
+    let settings = settings.site(Arc::new(desk)).map_err(unserved(address))?;
+    let scope = Scope::open(settings).map_err(unserved(address))?;
     let mut out = std::io::stdout().lock();
     let written = writeln!(out, "{}", scope.url()).and_then(|()| out.flush());
     written.map_err(Failure::Output)?;

@@ -5,7 +5,7 @@
 //! time of a turn is that of the clock: what has preempted it is in it.
 
 use crate::convert::open;
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use crate::model::names;
 use luna_core::events::code;
 use luna_logger::format::{ClockBase, Event, Losing, Names, Record, Subject};
@@ -29,10 +29,6 @@ pub(super) struct Missing {
 
 /// What was measured, by the names of the model, and what is missing.
 pub(super) fn read(path: &Path, model: &Model) -> Result<(Costs, Missing), Failure> {
-    let failed = |error: String| Failure::Log {
-        path: path.to_owned(),
-        error,
-    };
     let mut reader = open(path)?;
     let mut measured = Measured::default();
     let mut missing = Missing::default();
@@ -45,7 +41,7 @@ pub(super) fn read(path: &Path, model: &Model) -> Result<(Costs, Missing), Failu
             })) => {
                 let error = "it was recorded on a virtual clock, on which turns take no time: \
                              record on the machine's clock, or state costs in the model";
-                return Err(failed(error.to_owned()));
+                return Err(failed(path)(error));
             }
             Ok(Some(record)) => measured.take(&record),
             Err(error) => {
@@ -63,7 +59,7 @@ pub(super) fn read(path: &Path, model: &Model) -> Result<(Costs, Missing), Failu
     let costs = measured.end(model).ok_or_else(|| {
         let error = "it has no turns: it was recorded without events (`Logging::events`, or \
                      LUNA_LOG_EVENTS in its environment)";
-        failed(error.to_owned())
+        failed(path)(error)
     })?;
     Ok((costs, missing))
 }

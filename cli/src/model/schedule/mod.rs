@@ -6,15 +6,14 @@ mod measured;
 mod shown;
 
 use super::{UNKNOWN, read};
-use crate::failure::Failure;
-use crate::print::print_json;
+use crate::failure::{Failure, failed};
+use crate::print::print;
 use clap::Args;
 use luna_model::Model;
 use luna_model::schedule::{Costs, Schedule, Verdict};
 use measured::Missing;
 use shown::Shown;
 use std::fs;
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -48,12 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (costs, missing) = costs(&model, arguments.costs.as_deref())?;
     let schedule = model.schedule(&costs);
     let shown = Shown::of(&model, &schedule, &missing);
-    let mut out = io::stdout().lock();
-    match arguments.json {
-        true => print_json(&mut out, &shown),
-        false => write!(out, "{}", shown.text()),
-    }
-    .map_err(Failure::Output)?;
+    print(arguments.json, &shown, || [shown.text()])?;
     Ok(exit_code(&schedule, &shown))
 }
 
@@ -77,12 +71,8 @@ pub(super) fn table(model: &Model, costs_of: Option<&Path>) -> Result<serde_json
 }
 
 fn stated(model: &Model, path: &Path) -> Result<Costs, Failure> {
-    let text = fs::read_to_string(path).map_err(|error| Failure::ModelFile {
-        path: path.to_owned(),
-        error,
-    })?;
-    let costs = model.parse_costs(&path.display().to_string(), &text);
-    costs.map_err(|problem| Failure::Model(Box::new(problem)))
+    let text = fs::read_to_string(path).map_err(failed(path))?;
+    Ok(model.parse_costs(&path.display().to_string(), &text)?)
 }
 
 fn exit_code(schedule: &Schedule, shown: &Shown<'_>) -> ExitCode {

@@ -14,7 +14,7 @@ pub(super) struct Shown<'a> {
     model: &'a str,
     latency_ns: Option<u64>,
     parts: Vec<Part<'a>>,
-    cores: Vec<Load<'a>>,
+    cores: &'a [Core],
     /// Parts without an executor: they may run before any other.
     not_counted: Vec<&'a str>,
     /// In the recording, and not in the model.
@@ -45,14 +45,6 @@ struct Part<'a> {
     advice: Option<&'a str>,
 }
 
-#[derive(Debug, Serialize)]
-struct Load<'a> {
-    host: &'a str,
-    core: u16,
-    utilization: f64,
-    is_more: bool,
-}
-
 fn nanos(time: Option<Duration>) -> Option<u64> {
     time.map(|time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
 }
@@ -65,7 +57,7 @@ impl<'a> Shown<'a> {
             model: model.name(),
             latency_ns: nanos(schedule.latency),
             parts: schedule.rows.iter().map(Part::of).collect(),
-            cores: schedule.cores.iter().map(Load::of).collect(),
+            cores: &schedule.cores,
             not_counted: lost.map(|row| row.name.as_str()).collect(),
             strangers: &schedule.strangers,
             lost_events: missing.events,
@@ -90,16 +82,15 @@ impl<'a> Shown<'a> {
             "DEADLINE", "SLACK", "VERDICT",
         ];
         let rows = self.parts.iter().map(Part::cells);
-        let rows = std::iter::once(head.map(str::to_owned)).chain(rows);
         let mut text = format!("{}: response times, all times in us\n", self.model);
-        text += &of_rows(&[4, 5, 6, 7, 8, 9, 10, 11], rows);
+        text += &of_rows(head, &[4, 5, 6, 7, 8, 9, 10, 11], rows);
         for part in &self.parts {
             if let Some(advice) = part.advice {
                 text += &line(format!("{}: {advice}", part.name));
             }
         }
-        for core in &self.cores {
-            text += &core.line();
+        for core in self.cores {
+            text += &load(core);
         }
         for note in self.notes() {
             text += &line(note);
@@ -218,31 +209,20 @@ impl<'a> Part<'a> {
     }
 }
 
-impl<'a> Load<'a> {
-    fn of(core: &'a Core) -> Self {
-        Self {
-            host: &core.host,
-            core: core.number,
-            utilization: core.utilization,
-            is_more: core.is_more,
-        }
-    }
-
-    fn line(&self) -> String {
-        let host = match self.host {
-            "" => String::new(),
-            host => format!(" of {host}"),
-        };
-        let more = match self.is_more {
-            true => ", and what is not known",
-            false => "",
-        };
-        let share = self.utilization * 100.0;
-        format!(
-            "core {}{host}: {share:.1} % for real-time parts{more}\n",
-            self.core
-        )
-    }
+fn load(core: &Core) -> String {
+    let host = match core.host.as_str() {
+        "" => String::new(),
+        host => format!(" of {host}"),
+    };
+    let more = match core.is_more {
+        true => ", and what is not known",
+        false => "",
+    };
+    let share = core.utilization * 100.0;
+    format!(
+        "core {}{host}: {share:.1} % for real-time parts{more}\n",
+        core.number
+    )
 }
 
 fn line(text: String) -> String {

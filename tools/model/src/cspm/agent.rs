@@ -1,6 +1,6 @@
 //! The places of a body, each a definition.
 
-use super::alphabets::{Component, after};
+use super::alphabets::Component;
 use super::arithmetic::number;
 use super::{CspmError, Writer};
 use crate::file::Side;
@@ -274,10 +274,8 @@ impl Writer<'_> {
         let over = self.over(agent);
         let mut offers = Vec::new();
         for (channel, names) in self.names.channels.iter().enumerate() {
-            for (name, side) in [
-                (&names.no_receiver, Side::Send),
-                (&names.no_sender, Side::Receive),
-            ] {
+            for side in Side::BOTH {
+                let name = names.closed(side);
                 let is_told = !self.alphabets.closed(channel, side).is_empty();
                 if is_told && self.partners(channel, side).contains(&agent) {
                     offers.push(format!("({name}?other -> {over})"));
@@ -308,7 +306,7 @@ fn is_circle(agent: &Agent, at: usize, next: usize) -> bool {
         // These have events of their own.
         let waits = matches!(step, Step::Wait(_) | Step::Fork(..) | Step::Join(..));
         if !waits && !std::mem::replace(&mut seen[here], true) {
-            open.extend(after(step));
+            open.extend(step.after());
         }
     }
     false

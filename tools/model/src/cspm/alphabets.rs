@@ -2,7 +2,7 @@
 
 use super::{Writer, lines};
 use crate::file::Side;
-use crate::network::{Buffering, END, Label, Network, Step};
+use crate::network::{Agent, Buffering, END, Label, Network};
 use crate::spin::ending::{Ending, ancestors};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -35,12 +35,9 @@ pub(super) struct Alphabets {
 impl Alphabets {
     pub(super) fn of(network: &Network, ending: &Ending) -> Self {
         let channels = network.channels.len();
+        let agents = network.agents.iter();
         let mut found = Self {
-            reached: network
-                .agents
-                .iter()
-                .map(|agent| vec![false; agent.code.len()])
-                .collect(),
+            reached: agents.map(|agent| reached(agent, ending)).collect(),
             senders: vec![Vec::new(); channels],
             receivers: vec![Vec::new(); channels],
             no_receiver: vec![Vec::new(); channels],
@@ -49,15 +46,11 @@ impl Alphabets {
             actions: BTreeSet::new(),
         };
         for agent in 0..network.agents.len() {
-            found.reach(network, ending, agent);
             for (at, place) in network.agents[agent].code.iter().enumerate() {
-                let Step::Wait(edges) = &place.step else {
-                    continue;
-                };
                 if !found.reached[agent][at] {
                     continue;
                 }
-                for edge in edges {
+                for edge in place.step.edges() {
                     if let Label::Own(name) = &edge.label {
                         found.actions.insert((name.clone(), agent));
                     }
@@ -68,20 +61,6 @@ impl Alphabets {
             }
         }
         found
-    }
-
-    fn reach(&mut self, network: &Network, ending: &Ending, agent: usize) {
-        let found = &network.agents[agent];
-        let mut open = vec![found.start];
-        // A process that fails goes on at its end.
-        if found.parent.is_none() && ending.processes[found.process] {
-            open.push(END);
-        }
-        while let Some(at) = open.pop() {
-            if !std::mem::replace(&mut self.reached[agent][at], true) {
-                open.extend(after(&found.code[at].step));
-            }
-        }
     }
 
     fn uses(
@@ -142,18 +121,14 @@ impl Alphabets {
     }
 }
 
-/// The places after a step.
-pub(super) fn after(step: &Step) -> Vec<usize> {
-    match step {
-        Step::End => Vec::new(),
-        Step::Goto(next)
-        | Step::Assign(_, _, next)
-        | Step::Assert(_, next)
-        | Step::Fork(_, next)
-        | Step::Join(_, next) => vec![*next],
-        Step::Branch(_, then, otherwise) => vec![*then, *otherwise],
-        Step::Wait(edges) => edges.iter().map(|edge| edge.next).collect(),
+/// The places of an agent that a run may come to.
+fn reached(agent: &Agent, ending: &Ending) -> Vec<bool> {
+    let mut from = vec![agent.start];
+    // A process that fails goes on at its end.
+    if agent.parent.is_none() && ending.processes[agent.process] {
+        from.push(END);
     }
+    agent.reached(from)
 }
 
 impl Writer<'_> {
@@ -215,10 +190,8 @@ impl Writer<'_> {
             let _ = writeln!(text, "channel {name} : {}", self.agents(&does));
         }
         for (number, names) in self.names.channels.iter().enumerate() {
-            for (name, side) in [
-                (&names.no_receiver, Side::Send),
-                (&names.no_sender, Side::Receive),
-            ] {
+            for side in Side::BOTH {
+                let name = names.closed(side);
                 let notified = self.alphabets.closed(number, side);
                 if !notified.is_empty() {
                     let _ = writeln!(text, "channel {name} : {}", self.agents(notified));
@@ -300,10 +273,8 @@ impl Writer<'_> {
                     events.extend(from.iter().map(|from| of_one(from, receivers)));
                 }
             }
-            for (name, side) in [
-                (&names.no_receiver, Side::Send),
-                (&names.no_sender, Side::Receive),
-            ] {
+            for side in Side::BOTH {
+                let name = names.closed(side);
                 let notified = alphabets.closed(number, side);
                 if notified.contains(&agent) {
                     events.push(format!("{name}.{own}"));

@@ -37,7 +37,7 @@ mod buffer;
 mod names;
 mod wait;
 
-use crate::network::{Network, Step};
+use crate::network::Network;
 use crate::spin::ending::Ending;
 use alphabets::Alphabets;
 use always::Property;
@@ -180,9 +180,7 @@ fn lines(network: &Network) -> Vec<String> {
     let mut lines = std::collections::BTreeSet::from([0]);
     for place in network.agents.iter().flat_map(|agent| &agent.code) {
         lines.insert(place.line);
-        if let Step::Wait(edges) = &place.step {
-            lines.extend(edges.iter().map(|edge| edge.line));
-        }
+        lines.extend(place.step.edges().iter().map(|edge| edge.line));
     }
     lines.iter().map(usize::to_string).collect()
 }

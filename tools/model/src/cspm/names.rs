@@ -2,6 +2,7 @@
 
 use super::alphabets::{Alphabets, Component};
 use super::always::{Field, Property, PropertyNames, Seen};
+use crate::file::Side;
 use crate::network::{Label, Network, Step};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -30,6 +31,16 @@ pub(super) struct ChannelNames {
     /// Of its buffer: as an agent, and as a definition.
     buffer: String,
     pub(super) process: String,
+}
+
+impl ChannelNames {
+    /// By which this side learns that the other has ended.
+    pub(super) fn closed(&self, side: Side) -> &String {
+        match side {
+            Side::Send => &self.no_receiver,
+            Side::Receive => &self.no_sender,
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -178,10 +189,7 @@ fn field_name(network: &Network, field: &Field) -> String {
             let places = places
                 .iter()
                 .map(|&at| &network.agents[field.agent].code[at]);
-            let mut edges = places.filter_map(|place| match &place.step {
-                Step::Wait(edges) => edges.first(),
-                _ => None,
-            });
+            let mut edges = places.filter_map(|place| place.step.edges().first());
             match edges.next().map(|edge| &edge.label) {
                 Some(Label::Own(name)) => name,
                 _ => "place",

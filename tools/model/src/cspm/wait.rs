@@ -28,11 +28,7 @@ impl Writer<'_> {
             if let Some((channel, side)) = edge.label.end() {
                 let fail = self.fail(agent);
                 if self.alphabets.closed(channel, side).contains(&agent) {
-                    let names = &self.names.channels[channel];
-                    let name = match side {
-                        Side::Send => &names.no_receiver,
-                        Side::Receive => &names.no_sender,
-                    };
+                    let name = self.names.channels[channel].closed(side);
                     offers.push(format!("{name}.{own} -> {fail}"));
                 }
                 let by = self.alphabets.called_off_by(agent);

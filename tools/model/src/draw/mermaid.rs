@@ -1,46 +1,19 @@
 //! Mermaid's flowcharts, which many viewers of Markdown draw.
 
-use super::picture::{Item, arrows, contents, details, short};
+use super::picture::{Text, written};
 use crate::network::Network;
-use std::fmt::Write;
 
 pub(crate) fn mermaid(network: &Network) -> String {
-    let mut text = "flowchart LR\n".to_owned();
-    group(network, &contents(network), 0, 1, &mut text);
-    for arrow in arrows(network) {
-        let (from, to) = (arrow.from, arrow.to);
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "  p{from} -- {} --> p{to}", quoted(&arrow.label));
-    }
-    text
+    let text = Text {
+        quoted,
+        process: |number, label| format!("p{number}[{label}]"),
+        group: |number, label, _| format!("subgraph g{number} [{label}]"),
+        end: "end",
+        arrow: |from, to, label| format!("p{from} -- {label} --> p{to}"),
+    };
+    "flowchart LR\n".to_owned() + &written(network, &text)
 }
 
-fn group(
-    network: &Network,
-    contents: &[Vec<Item>],
-    number: usize,
-    depth: usize,
-    text: &mut String,
-) {
-    let indent = "  ".repeat(depth);
-    for item in &contents[number] {
-        let _ = match *item {
-            Item::Process(process) => {
-                let name = short(&network.processes[process].name);
-                let label = format!("{name}\n{}", details(network, process));
-                writeln!(text, "{indent}p{process}[{}]", quoted(&label))
-            }
-            Item::Group(inner) => {
-                let label = quoted(short(&network.groups[inner].name));
-                let _ = writeln!(text, "{indent}subgraph g{inner} [{label}]");
-                group(network, contents, inner, depth + 1, text);
-                writeln!(text, "{indent}end")
-            }
-        };
-    }
-}
-
-/// Mermaid writes special characters as `#` and their code.
 fn quoted(text: &str) -> String {
     let mut quoted = "\"".to_owned();
     for letter in text.chars() {

@@ -91,3 +91,46 @@ pub(super) fn details(network: &Network, process: usize) -> String {
     }
     words.join(", ")
 }
+
+/// How a language of pictures writes what is drawn, all by their numbers and labels.
+pub(super) struct Text {
+    pub(super) quoted: fn(&str) -> String,
+    pub(super) process: fn(usize, &str) -> String,
+    /// The begin of a group, behind this indentation.
+    pub(super) group: fn(usize, &str, &str) -> String,
+    pub(super) end: &'static str,
+    pub(super) arrow: fn(usize, usize, &str) -> String,
+}
+
+/// The groups with what is in them, and then the arrows.
+pub(super) fn written(network: &Network, text: &Text) -> String {
+    let mut lines = inner(network, text, &contents(network), 0, "  ");
+    for arrow in arrows(network) {
+        let label = (text.quoted)(&arrow.label);
+        lines += &format!("  {}\n", (text.arrow)(arrow.from, arrow.to, &label));
+    }
+    lines
+}
+
+fn inner(
+    network: &Network,
+    text: &Text,
+    contents: &[Vec<Item>],
+    group: usize,
+    indent: &str,
+) -> String {
+    let items = contents[group].iter().map(|item| match *item {
+        Item::Process(process) => {
+            let name = short(&network.processes[process].name);
+            let label = (text.quoted)(&format!("{name}\n{}", details(network, process)));
+            format!("{indent}{}\n", (text.process)(process, &label))
+        }
+        Item::Group(group) => {
+            let label = (text.quoted)(short(&network.groups[group].name));
+            let begin = (text.group)(group, &label, indent);
+            let within = inner(network, text, contents, group, &format!("{indent}  "));
+            format!("{indent}{begin}\n{within}{indent}{}\n", text.end)
+        }
+    });
+    items.collect()
+}

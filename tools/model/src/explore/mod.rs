@@ -64,6 +64,16 @@ pub struct Finding {
 }
 
 impl Finding {
+    pub(crate) fn new(kind: FindingKind, trace: Vec<TraceStep>, there: Vec<String>) -> Self {
+        Self {
+            kind,
+            trace,
+            there,
+            circle: Vec::new(),
+            replay: None,
+        }
+    }
+
     /// An SVG file: a column for each process that does something, and a message for each
     /// communication, from the first one on; below, what is the case there.
     #[must_use]
@@ -268,13 +278,7 @@ impl Search {
     }
 
     fn add(&mut self, kind: FindingKind, trace: Vec<TraceStep>, there: Vec<String>) {
-        self.findings.push(Finding {
-            kind,
-            trace,
-            there,
-            circle: Vec::new(),
-            replay: None,
-        });
+        self.findings.push(Finding::new(kind, trace, there));
     }
 
     /// What can be seen in a state by itself.
@@ -306,11 +310,9 @@ impl Search {
             let trace = words::trace(semantics.network, &way);
             let (there, circle) = words::stuck(semantics, state);
             self.findings.push(Finding {
-                kind: FindingKind::Deadlock,
-                trace,
-                there,
                 circle,
                 replay: Some(script::script(semantics.network, &way)),
+                ..Finding::new(FindingKind::Deadlock, trace, there)
             });
         }
     }

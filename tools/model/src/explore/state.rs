@@ -72,10 +72,7 @@ impl<'a> Semantics<'a> {
         let mut receivers = vec![Vec::new(); network.channels.len()];
         for (number, agent) in network.agents.iter().enumerate() {
             for place in &agent.code {
-                let Step::Wait(edges) = &place.step else {
-                    continue;
-                };
-                for edge in edges {
+                for edge in place.step.edges() {
                     if let Label::Receive(channel, _) = edge.label
                         && receivers[channel].last() != Some(&number)
                     {
@@ -348,10 +345,7 @@ impl<'a> Semantics<'a> {
         let Ok(at) = usize::try_from(state[agent]) else {
             return &[];
         };
-        match &self.network.agents[agent].code[at].step {
-            Step::Wait(edges) => edges,
-            _ => &[],
-        }
+        self.network.agents[agent].code[at].step.edges()
     }
 
     pub(crate) fn is_open(&self, state: &State, edge: &Edge) -> bool {

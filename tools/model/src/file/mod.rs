@@ -1,7 +1,5 @@
 //! A model file as it is written.
 
-mod costs;
-mod pieces;
 mod read;
 mod values;
 
@@ -12,7 +10,6 @@ use crate::language::temporal::Formula;
 use crate::network::Buffering;
 use std::time::Duration;
 
-pub(crate) use costs::read as read_costs;
 pub(crate) use read::read;
 
 /// All that a file says.
@@ -96,6 +93,10 @@ pub(crate) enum Side {
 }
 
 /// Values from `low` to `high`, of which a variable begins with `first`.
+impl Side {
+    pub(crate) const BOTH: [Self; 2] = [Self::Send, Self::Receive];
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Range {
     pub(crate) low: Expr<Path>,

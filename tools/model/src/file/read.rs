@@ -1,7 +1,6 @@
 //! Reads a model file.
 
-use super::pieces::Pieces;
-use super::values;
+use super::values::{self, expr, piece};
 use super::{Channel, Composition, Content, Definition, Document, Executor, Part, Run, Side};
 use crate::language::body::{self, Named, RESERVED};
 use crate::language::parser::Parser;
@@ -104,7 +103,7 @@ fn definition(entry: &Entry<'_>) -> Result<Definition, Problem> {
                     variables.push((entry.name(&RESERVED)?, values::variable(&entry)?));
                 }
             }
-            "body" => body = Some(body::parse(entry.piece()?)?),
+            "body" => body = Some(body::parse(piece(&entry)?)?),
             "channel" | "part" => {
                 is_composed = Some(entry.key_span());
                 composed_of(&entry, &mut composed)?;
@@ -194,7 +193,7 @@ fn channel(entry: &Entry<'_>) -> Result<Channel, Problem> {
     };
     for entry in entry.table()? {
         match entry.key {
-            "array" => found.array = Some(entry.expr()?),
+            "array" => found.array = Some(expr(&entry)?),
             "buffer" => found.kind = values::buffer(&entry)?,
             "type" => {
                 found.type_name = entry.text()?.to_owned();
@@ -218,15 +217,15 @@ fn part(entry: &Entry<'_>) -> Result<Part, Problem> {
     for entry in entry.table()? {
         match entry.key {
             "process" => process = Some(reference(&entry)?),
-            "array" => array = Some(entry.expr()?),
+            "array" => array = Some(expr(&entry)?),
             "bind" => {
                 for entry in entry.table()? {
-                    bind.push((entry.named(), Parser::only_path(entry.piece()?)?));
+                    bind.push((entry.named(), Parser::whole(piece(&entry)?, Parser::path)?));
                 }
             }
             "set" => {
                 for entry in entry.table()? {
-                    set.push((entry.named(), entry.expr()?));
+                    set.push((entry.named(), expr(&entry)?));
                 }
             }
             "priority" => run.priority = Some(entry.number(0..=MAX_PRIORITY)? as u8),
@@ -300,13 +299,13 @@ fn check(entry: &Entry<'_>, document: &mut Document) -> Result<(), Problem> {
             }
             "always" => {
                 for entry in entry.table()? {
-                    let expr = Parser::only_expr(entry.piece()?)?;
+                    let expr = Parser::whole(piece(&entry)?, Parser::expr)?;
                     document.always.push((entry.named(), expr));
                 }
             }
             "ltl" => {
                 for entry in entry.table()? {
-                    let formula = temporal::parse(entry.piece()?)?;
+                    let formula = temporal::parse(piece(&entry)?)?;
                     document.ltl.push((entry.name(&[])?, formula));
                 }
             }

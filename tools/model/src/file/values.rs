@@ -1,6 +1,5 @@
-//! Values that are short texts: buffers, types, times, policies.
+//! Values that are short texts: expressions, buffers, types, places.
 
-use super::pieces::Pieces;
 use super::{At, Range};
 use crate::language::Piece;
 use crate::language::expr::Expr;
@@ -9,6 +8,20 @@ use crate::network::Buffering;
 use crate::recorded::MAX_BUFFER;
 use crate::text::Problem;
 use luna::file::Entry;
+
+/// A text with its place, for a parser.
+pub(super) fn piece<'t>(entry: &Entry<'t>) -> Result<Piece<'t>, Problem> {
+    Ok(Piece::new(entry.source, entry.text()?, entry.span()))
+}
+
+/// A number, or a text that is an expression.
+pub(super) fn expr(entry: &Entry<'_>) -> Result<Expr<Path>, Problem> {
+    if entry.is_text() {
+        return Parser::whole(piece(entry)?, Parser::expr);
+    }
+    let number = entry.number(i32::MIN.into()..=i32::MAX.into())?;
+    Ok(Expr::Number(number as i32))
+}
 
 /// `rendezvous`, `fifo 2`, `overwrite_oldest 1`, `overwrite_newest 1`.
 pub(super) fn buffer(entry: &Entry<'_>) -> Result<Buffering, Problem> {
@@ -36,7 +49,7 @@ pub(super) fn buffer(entry: &Entry<'_>) -> Result<Buffering, Problem> {
 pub(super) fn channel_values(entry: &Entry<'_>) -> Result<Option<Range>, Problem> {
     match entry.text()? {
         "bool" => Ok(Some(boolean())),
-        text if text.contains("..") => range(entry.piece()?).map(Some),
+        text if text.contains("..") => range(piece(entry)?).map(Some),
         _ => Ok(None),
     }
 }
@@ -45,7 +58,7 @@ pub(super) fn channel_values(entry: &Entry<'_>) -> Result<Option<Range>, Problem
 pub(super) fn variable(entry: &Entry<'_>) -> Result<Range, Problem> {
     match entry.text()? {
         "bool" => Ok(boolean()),
-        _ => range(entry.piece()?),
+        _ => range(piece(entry)?),
     }
 }
 
@@ -59,17 +72,15 @@ fn boolean() -> Range {
 }
 
 fn range(piece: Piece<'_>) -> Result<Range, Problem> {
-    let mut parser = Parser::new(piece)?;
-    let low: Expr<Path> = parser.expr()?;
-    parser.expect("..")?;
-    let high = parser.expr()?;
-    let first = parser.take("=").then(|| parser.expr()).transpose()?;
-    parser.end()?;
-    Ok(Range {
-        low,
-        high,
-        first,
-        is_bool: false,
+    Parser::whole(piece, |parser| {
+        let low = parser.expr()?;
+        parser.expect("..")?;
+        Ok(Range {
+            low,
+            high: parser.expr()?,
+            first: parser.take("=").then(|| parser.expr()).transpose()?,
+            is_bool: false,
+        })
     })
 }
 

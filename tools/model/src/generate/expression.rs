@@ -289,7 +289,7 @@ mod tests {
     fn parsed(text: &str) -> Expr<Path> {
         let source = Source { name: "", text };
         let piece = Piece::new(source, text, 0..text.len());
-        Parser::only_expr(piece).expect("it is an expression")
+        Parser::whole(piece, Parser::expr).expect("it is an expression")
     }
 
     #[test]

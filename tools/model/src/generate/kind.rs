@@ -1,6 +1,6 @@
 //! The kinds of processes that a system has: what their parts have in common.
 
-use super::names::{Names, camel, snake};
+use super::names::{Names, Taken, camel, snake};
 use super::types::{Type, type_of};
 use super::waiting::reachable;
 use crate::file::{Content, Definition, Side};
@@ -14,46 +14,42 @@ pub(super) const NAME: &str = "process_name";
 pub(super) const PERIOD: &str = "process_period";
 
 /// Names of a skeleton that are its own.
-const OWN: [(&str, &str); 14] = [
-    ("process", "the body of the process"),
-    ("ports", "the ports of the process"),
-    (NAME, "the name of the process"),
-    (PERIOD, "the period of the process"),
-    ("slots", "the slots of its period"),
-    ("outcome", "the outcome of a guard"),
-    ("choice", "the turn of a `choose`"),
-    ("chosen", "the branch that is chosen"),
-    ("luna", "the library"),
-    ("std", "the standard library"),
-    ("support", "the generated support"),
-    ("branch", "a branch of `par!`"),
-    ("alt", "a macro"),
-    ("par", "a macro"),
+const OWN: [Taken; 13] = [
+    ("the body of the process", &["process"]),
+    ("the ports of the process", &["ports"]),
+    ("the name of the process", &[NAME]),
+    ("the period of the process", &[PERIOD]),
+    ("the slots of its period", &["slots"]),
+    ("the outcome of a guard", &["outcome"]),
+    ("the turn of a `choose`", &["choice"]),
+    ("the branch that is chosen", &["chosen"]),
+    ("the library", &["luna"]),
+    ("the standard library", &["std"]),
+    ("the generated support", &["support"]),
+    ("a branch of `par!`", &["branch"]),
+    ("a macro", &["alt", "par"]),
 ];
 
 /// Modules that generated code names beside those of processes.
-const MODULES: [(&str, &str); 6] = [
-    ("ports", "a module of its own"),
-    ("support", "a module of its own"),
-    ("system", "a module of its own"),
-    ("types", "a module of its own"),
-    ("luna", "the library"),
-    ("std", "the standard library"),
+const MODULES: [Taken; 3] = [
+    (
+        "a module of its own",
+        &["ports", "support", "system", "types"],
+    ),
+    ("the library", &["luna"]),
+    ("the standard library", &["std"]),
 ];
 
 /// Names that generated code uses in the sense of Rust or of its own.
-const TYPES: [(&str, &str); 11] = [
-    ("Ok", "a type of Rust"),
-    ("Err", "a type of Rust"),
-    ("Some", "a type of Rust"),
-    ("None", "a type of Rust"),
-    ("Option", "a type of Rust"),
-    ("Result", "a type of Rust"),
-    ("Default", "a type of Rust"),
-    ("String", "a type of Rust"),
-    ("Duration", "a type of Rust"),
-    ("InTurn", "a type of its own"),
-    ("Self", "a type of Rust"),
+const TYPES: [Taken; 2] = [
+    (
+        "a type of Rust",
+        &[
+            "Ok", "Err", "Some", "None", "Option", "Result", "Default", "String", "Duration",
+            "Self",
+        ],
+    ),
+    ("a type of its own", &["InTurn"]),
 ];
 
 /// A process of the model with a body, of which the system has parts.

@@ -58,25 +58,20 @@ fn declare(block: &Block, name: &str, found: &mut HashMap<Site, Declares>) -> bo
         return false;
     }
     match &first.kind {
-        StatementKind::Loop(inner) => declare(inner, name, found),
-        StatementKind::For(_, from, to, inner) => {
-            !reads(from, name) && !reads(to, name) && declare(inner, name, found)
+        StatementKind::Offer(_) | StatementKind::Assign(..) | StatementKind::Assert(_) => false,
+        StatementKind::If(condition, ..) | StatementKind::While(condition, _)
+            if reads(condition, name) =>
+        {
+            false
         }
-        StatementKind::While(condition, inner) => {
-            !reads(condition, name) && declare(inner, name, found)
-        }
-        StatementKind::If(condition, then, otherwise) => {
-            !reads(condition, name) && declare(then, name, found) && declare(otherwise, name, found)
-        }
-        StatementKind::Par(blocks) | StatementKind::Choose(blocks) => {
-            blocks.iter().all(|block| declare(block, name, found))
-        }
+        StatementKind::For(_, from, to, _) if reads(from, name) || reads(to, name) => false,
         StatementKind::Alternative { guards, .. } => guards
             .iter()
             .all(|guard| declare_in_guard(guard, name, found)),
-        StatementKind::Offer(_) | StatementKind::Assign(..) | StatementKind::Assert(_) => false,
-        // They mention nothing.
-        StatementKind::Action(_) | StatementKind::Skip | StatementKind::Stop => true,
+        other => other
+            .blocks()
+            .into_iter()
+            .all(|block| declare(block, name, found)),
     }
 }
 
@@ -119,17 +114,7 @@ fn sets_at_once(statement: &Statement, name: &str) -> bool {
     match &statement.kind {
         StatementKind::Assign((variable, _), value) => variable == name && !reads(value, name),
         StatementKind::Offer(offer) => of_offer(offer, name).sets > 0,
-        StatementKind::Action(_)
-        | StatementKind::Skip
-        | StatementKind::Stop
-        | StatementKind::Assert(_)
-        | StatementKind::If(..)
-        | StatementKind::While(..)
-        | StatementKind::Loop(_)
-        | StatementKind::For(..)
-        | StatementKind::Par(_)
-        | StatementKind::Choose(_)
-        | StatementKind::Alternative { .. } => false,
+        _ => false,
     }
 }
 
@@ -172,45 +157,29 @@ pub(super) fn of_block(block: &Block, name: &str) -> Mentions {
     each.fold(Mentions::default(), sum)
 }
 
-fn of_blocks(blocks: &[Block], name: &str) -> Mentions {
-    let each = blocks.iter().map(|block| of_block(block, name));
-    each.fold(Mentions::default(), sum)
-}
-
 fn of_statement(statement: &Statement, name: &str) -> Mentions {
-    match &statement.kind {
-        StatementKind::Action(_) | StatementKind::Skip | StatementKind::Stop => Mentions::default(),
+    let own = match &statement.kind {
         StatementKind::Offer(offer) => of_offer(offer, name),
         StatementKind::Assign((variable, _), value) => {
             let is_it = variable == name;
-            // `x = x + 1` alone is no use of it.
             Mentions {
+                // What an assignment to itself reads counts for nothing.
                 reads: usize::from(!is_it && reads(value, name)),
                 sets: usize::from(is_it),
             }
         }
-        StatementKind::Assert(condition) => of_expr(condition, name),
-        StatementKind::If(condition, then, otherwise) => {
-            let branches = sum(of_block(then, name), of_block(otherwise, name));
-            sum(of_expr(condition, name), branches)
-        }
-        StatementKind::While(condition, inner) => {
-            sum(of_expr(condition, name), of_block(inner, name))
-        }
-        StatementKind::Loop(inner) => of_block(inner, name),
-        StatementKind::For(_, from, to, inner) => {
-            let bounds = sum(of_expr(from, name), of_expr(to, name));
-            sum(bounds, of_block(inner, name))
-        }
-        StatementKind::Par(blocks) | StatementKind::Choose(blocks) => of_blocks(blocks, name),
+        StatementKind::Assert(condition)
+        | StatementKind::If(condition, ..)
+        | StatementKind::While(condition, _) => of_expr(condition, name),
+        StatementKind::For(_, from, to, _) => sum(of_expr(from, name), of_expr(to, name)),
         StatementKind::Alternative { guards, .. } => {
-            let each = guards.iter().map(|guard| {
-                let condition = guard.condition.as_ref();
-                let condition = condition.map_or_else(Mentions::default, |one| of_expr(one, name));
-                let offer = of_offer(&guard.offer, name);
-                sum(sum(condition, offer), of_block(&guard.body, name))
-            });
-            each.fold(Mentions::default(), sum)
+            let conditions = guards.iter().filter_map(|guard| guard.condition.as_ref());
+            let conditions = conditions.map(|condition| of_expr(condition, name));
+            let offers = guards.iter().map(|guard| of_offer(&guard.offer, name));
+            conditions.chain(offers).fold(Mentions::default(), sum)
         }
-    }
+        _ => Mentions::default(),
+    };
+    let blocks = statement.kind.blocks().into_iter();
+    blocks.map(|block| of_block(block, name)).fold(own, sum)
 }

@@ -54,13 +54,20 @@ pub(super) struct Names<'a> {
     taken: Vec<(String, String)>,
 }
 
+/// What names stand for, and these names.
+pub(super) type Taken = (&'static str, &'static [&'static str]);
+
 impl<'a> Names<'a> {
     /// A scope that has names already, with what they stand for.
-    pub(super) fn new(source: Source<'a>, taken: &[(&str, &str)]) -> Self {
-        let owned = |&(name, of): &(&str, &str)| (name.to_owned(), of.to_owned());
+    pub(super) fn new(source: Source<'a>, taken: &[Taken]) -> Self {
+        let owned = |&(of, names): &Taken| {
+            names
+                .iter()
+                .map(move |name| ((*name).to_owned(), of.to_owned()))
+        };
         Self {
             source,
-            taken: taken.iter().map(owned).collect(),
+            taken: taken.iter().flat_map(owned).collect(),
         }
     }
 

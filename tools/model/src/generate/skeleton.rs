@@ -4,7 +4,7 @@ use super::body::Body;
 use super::kind::{NAME, PERIOD, Periodic, ProcessKind};
 use super::names::{Names, snake};
 use super::writer::Writer;
-use crate::language::body::{Block, Guard, Statement, StatementKind};
+use crate::language::body::{Block, Statement, StatementKind};
 use crate::model::Model;
 use crate::text::Problem;
 
@@ -107,17 +107,7 @@ pub(super) fn take_names(block: &Block, names: &mut Names<'_>) -> Result<(), Pro
         let (named, is_action) = match &statement.kind {
             StatementKind::For(variable, ..) => (variable.clone(), false),
             StatementKind::Action(action) => ((action.clone(), statement.span.clone()), true),
-            StatementKind::Offer(_)
-            | StatementKind::Skip
-            | StatementKind::Stop
-            | StatementKind::Assign(..)
-            | StatementKind::Assert(_)
-            | StatementKind::If(..)
-            | StatementKind::While(..)
-            | StatementKind::Loop(_)
-            | StatementKind::Par(_)
-            | StatementKind::Choose(_)
-            | StatementKind::Alternative { .. } => return,
+            _ => return,
         };
         let known = (named.0.clone(), is_action);
         if outcome.is_ok() && !found.contains(&known) {
@@ -137,30 +127,8 @@ pub(super) fn take_names(block: &Block, names: &mut Names<'_>) -> Result<(), Pro
 pub(super) fn each<'b>(block: &'b Block, see: &mut impl FnMut(&'b Statement)) {
     for statement in block {
         see(statement);
-        match &statement.kind {
-            StatementKind::If(_, then, otherwise) => {
-                each(then, see);
-                each(otherwise, see);
-            }
-            StatementKind::While(_, inner)
-            | StatementKind::Loop(inner)
-            | StatementKind::For(_, _, _, inner) => each(inner, see),
-            StatementKind::Par(blocks) | StatementKind::Choose(blocks) => {
-                for block in blocks {
-                    each(block, see);
-                }
-            }
-            StatementKind::Alternative { guards, .. } => {
-                for Guard { body, .. } in guards {
-                    each(body, see);
-                }
-            }
-            StatementKind::Offer(_)
-            | StatementKind::Action(_)
-            | StatementKind::Skip
-            | StatementKind::Stop
-            | StatementKind::Assign(..)
-            | StatementKind::Assert(_) => {}
+        for inner in statement.kind.blocks() {
+            each(inner, see);
         }
     }
 }

@@ -88,14 +88,7 @@ pub(super) fn diverges(block: &[crate::language::body::Statement]) -> bool {
         StatementKind::Alternative { guards, .. } => {
             guards.iter().all(|guard| diverges(&guard.body))
         }
-        StatementKind::Offer(_)
-        | StatementKind::Action(_)
-        | StatementKind::Skip
-        | StatementKind::Stop
-        | StatementKind::Assign(..)
-        | StatementKind::Assert(_)
-        | StatementKind::For(..)
-        | StatementKind::Par(_) => false,
+        _ => false,
     })
 }
 
@@ -122,12 +115,8 @@ pub(super) fn surely_waits(block: &Block, kind: &ProcessKind<'_>) -> bool {
             let mut guards = guards.iter();
             guards.all(|guard| offer_waits(&guard.offer) || surely_waits(&guard.body, kind))
         }
-        // Their bodies may be left out.
-        StatementKind::While(..) | StatementKind::For(..) => false,
-        StatementKind::Action(_)
-        | StatementKind::Skip
-        | StatementKind::Assign(..)
-        | StatementKind::Assert(_) => false,
+        // The body of a `while` or `for` may be left out.
+        _ => false,
     })
 }
 
@@ -137,18 +126,6 @@ pub(super) fn first_loop(block: &Block) -> Option<Site> {
         StatementKind::Loop(_) | StatementKind::While(..) | StatementKind::For(..) => {
             Some(site(statement))
         }
-        StatementKind::If(_, then, otherwise) => first_loop(then).or_else(|| first_loop(otherwise)),
-        StatementKind::Par(blocks) | StatementKind::Choose(blocks) => {
-            blocks.iter().find_map(first_loop)
-        }
-        StatementKind::Alternative { guards, .. } => {
-            guards.iter().find_map(|guard| first_loop(&guard.body))
-        }
-        StatementKind::Offer(_)
-        | StatementKind::Action(_)
-        | StatementKind::Skip
-        | StatementKind::Stop
-        | StatementKind::Assign(..)
-        | StatementKind::Assert(_) => None,
+        other => other.blocks().into_iter().find_map(first_loop),
     })
 }

@@ -37,6 +37,20 @@ pub(crate) enum StatementKind {
     },
 }
 
+impl StatementKind {
+    /// The blocks that it has.
+    pub(crate) fn blocks(&self) -> Vec<&Block> {
+        match self {
+            Self::If(_, then, otherwise) => vec![then, otherwise],
+            Self::While(_, inner) | Self::Loop(inner) | Self::For(_, _, _, inner) => vec![inner],
+            Self::Par(blocks) | Self::Choose(blocks) => blocks.iter().collect(),
+            Self::Alternative { guards, .. } => guards.iter().map(|guard| &guard.body).collect(),
+            Self::Offer(_) | Self::Action(_) | Self::Skip | Self::Stop => Vec::new(),
+            Self::Assign(..) | Self::Assert(_) => Vec::new(),
+        }
+    }
+}
+
 /// What a process is ready to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Offer {
@@ -62,10 +76,7 @@ pub(crate) const RESERVED: [&str; 17] = [
 
 /// A whole text that is a body.
 pub(crate) fn parse(piece: Piece<'_>) -> Result<Block, Problem> {
-    let mut parser = Parser::new(piece)?;
-    let block = sequence(&mut parser)?;
-    parser.end()?;
-    Ok(block)
+    Parser::whole(piece, sequence)
 }
 
 /// Statements up to what no statement begins with.
@@ -78,21 +89,7 @@ fn sequence(parser: &mut Parser<'_>) -> Result<Block, Problem> {
         }
         let start = parser.span();
         let kind = parser.nested(statement)?;
-        let has_block = match kind {
-            StatementKind::If(..)
-            | StatementKind::While(..)
-            | StatementKind::Loop(_)
-            | StatementKind::For(..)
-            | StatementKind::Par(_)
-            | StatementKind::Choose(_)
-            | StatementKind::Alternative { .. } => true,
-            StatementKind::Offer(_)
-            | StatementKind::Action(_)
-            | StatementKind::Skip
-            | StatementKind::Stop
-            | StatementKind::Assign(..)
-            | StatementKind::Assert(_) => false,
-        };
+        let has_block = !kind.blocks().is_empty();
         let span = match has_block {
             true => start,
             false => parser.since(&start),

@@ -1,7 +1,5 @@
 //! Expressions over 32-bit integers; a condition is true if it is not 0.
 
-use std::fmt;
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Unary {
     Minus,
@@ -87,19 +85,12 @@ pub(crate) enum Expr<V> {
 }
 
 /// What has no value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 pub(crate) enum Fault {
+    #[error("divides by zero")]
     DivisionByZero,
+    #[error("computes a number beyond 32 bits")]
     Overflow,
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::DivisionByZero => "divides by zero",
-            Self::Overflow => "computes a number beyond 32 bits",
-        })
-    }
 }
 
 impl<V> Expr<V> {

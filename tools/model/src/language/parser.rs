@@ -149,20 +149,15 @@ impl<'a> Parser<'a> {
         outcome
     }
 
-    /// A whole text that is one expression.
-    pub(crate) fn only_expr(piece: Piece<'a>) -> Result<Expr<Path>, Problem> {
+    /// What `part` reads, if it is the whole text.
+    pub(crate) fn whole<T>(
+        piece: Piece<'a>,
+        part: impl FnOnce(&mut Self) -> Result<T, Problem>,
+    ) -> Result<T, Problem> {
         let mut parser = Self::new(piece)?;
-        let expr = parser.expr()?;
+        let found = part(&mut parser)?;
         parser.end()?;
-        Ok(expr)
-    }
-
-    /// A whole text that is one path.
-    pub(crate) fn only_path(piece: Piece<'a>) -> Result<Path, Problem> {
-        let mut parser = Self::new(piece)?;
-        let path = parser.path()?;
-        parser.end()?;
-        Ok(path)
+        Ok(found)
     }
 
     pub(crate) fn expr(&mut self) -> Result<Expr<Path>, Problem> {

@@ -36,7 +36,8 @@ impl fmt::Display for Difference {
 }
 
 /// A system is not as its model says.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the system is not as its model {model} says:{}", listed(differences))]
 #[non_exhaustive]
 pub struct Wiring {
     /// The name of the model.
@@ -45,15 +46,12 @@ pub struct Wiring {
     pub differences: Vec<Difference>,
 }
 
-impl fmt::Display for Wiring {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "the system is not as its model {} says:", self.model)?;
-        let mut differences = self.differences.iter();
-        differences.try_for_each(|difference| write!(f, "\n  {difference}"))
-    }
+fn listed(differences: &[Difference]) -> String {
+    let lines = differences
+        .iter()
+        .map(|difference| format!("\n  {difference}"));
+    lines.collect()
 }
-
-impl std::error::Error for Wiring {}
 
 /// The parts of one kind by their names.
 fn by_name<T>(

@@ -1,9 +1,9 @@
 //! What is known of processes besides their model.
 
 use super::Seen;
-use crate::file;
 use crate::network::Network;
 use crate::text::{Problem, Source, nearest};
+use luna::file::{entries, parse, time};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -39,24 +39,34 @@ impl Costs {
     }
 }
 
-/// Reads a file of costs for this model.
+/// Reads a file of costs for this model: a table for each process, with its longest job and its
+/// longest poll.
 pub(crate) fn read(network: &Network, name: &str, text: &str) -> Result<Costs, Problem> {
     let source = Source { name, text };
     let mut costs = Costs::new();
-    for stated in file::read_costs(source)? {
-        let (process, span) = stated.process;
-        let known = network.processes.iter().map(|known| known.name.as_str());
-        if !known.clone().any(|name| name == process) {
-            let advice = nearest(&process, known);
-            let message = "the model has no process of this name";
-            return Err(source.problem(span, message, advice));
+    let table = parse(source)?;
+    for process in entries(source, table.get_ref()) {
+        let mut stated = Known::default();
+        for entry in process.table()? {
+            match entry.key {
+                "cost" => stated.cost = Some(time(&entry)?),
+                "longest_poll" => stated.longest_poll = Some(time(&entry)?),
+                _ => return Err(entry.unknown(&["cost", "longest_poll"])),
+            }
         }
-        let known = Known {
-            cost: stated.cost,
-            longest_poll: stated.longest_poll,
-            ..Known::default()
-        };
-        costs.insert(process, known);
+        let both = stated.cost.zip(stated.longest_poll);
+        if both.is_some_and(|(cost, poll)| poll > cost) {
+            let message = "the longest poll of this process is longer than its cost";
+            let advice = "`cost` is the time of all polls of a cycle: raise it";
+            return Err(source.problem(process.key_span(), message, advice));
+        }
+        let known = network.processes.iter().map(|known| known.name.as_str());
+        if !known.clone().any(|name| name == process.key) {
+            let advice = nearest(process.key, known);
+            let message = "the model has no process of this name";
+            return Err(source.problem(process.key_span(), message, advice));
+        }
+        costs.insert(process.key, stated);
     }
     Ok(costs)
 }

@@ -6,6 +6,7 @@ use super::placed::{executor, may_be_besides, open, rank};
 use super::verdict::{Found, Verdict};
 use super::{Arrivals, Costs, Demand, Known, NoBound, Task, Thread};
 use crate::network::{Edge, Executor, Label, Network, Step};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::Add;
 use std::time::Duration;
@@ -62,11 +63,12 @@ pub struct Row {
 }
 
 /// A core of the model.
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
 pub struct Core {
     /// Its host; empty if the model names none.
     pub host: String,
     /// Its number there.
+    #[serde(rename = "core")]
     pub number: u16,
     /// The share of its time that real-time threads ask for, as far as it is known.
     pub utilization: f64,
@@ -261,9 +263,7 @@ fn steps(network: &Network, process: usize) -> impl Iterator<Item = &Step> {
 /// Whether it may wait for a partner, or for a time to pass.
 fn may_wait(network: &Network, process: usize) -> bool {
     steps(network, process).any(|step| {
-        let Step::Wait(edges) = step else {
-            return false;
-        };
+        let edges = step.edges();
         let waits = |label: &Label| match label {
             Label::Send(channel, _) => !network.channels[*channel].kind.overwrites(),
             Label::Receive(..) | Label::After => true,
@@ -277,12 +277,8 @@ fn may_wait(network: &Network, process: usize) -> bool {
 
 /// Whether a cycle is one poll: the body does nothing but actions.
 fn is_one_poll(network: &Network, process: usize) -> bool {
-    steps(network, process).all(|step| match step {
-        Step::Wait(edges) => edges.iter().all(|edge| match edge.label {
-            Label::Own(_) | Label::Choice => true,
-            Label::Send(..) | Label::Receive(..) | Label::Skip | Label::After => false,
-        }),
-        Step::Fork(..) | Step::Join(..) => false,
-        Step::End | Step::Goto(_) | Step::Assign(..) | Step::Branch(..) | Step::Assert(..) => true,
+    steps(network, process).all(|step| {
+        let is_own = |edge: &Edge| matches!(edge.label, Label::Own(_) | Label::Choice);
+        !matches!(step, Step::Fork(..) | Step::Join(..)) && step.edges().iter().all(is_own)
     })
 }

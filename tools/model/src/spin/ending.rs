@@ -14,7 +14,7 @@ pub(crate) struct Ending {
 
 impl Ending {
     pub(crate) fn of(network: &Network) -> Self {
-        let ends = |agent: &Agent| comes_to_end(agent);
+        let ends = |agent: &Agent| agent.reached(vec![agent.start])[END];
         let mut found = Self {
             processes: network
                 .processes
@@ -70,26 +70,4 @@ pub(crate) fn ancestors(network: &Network, agent: usize) -> impl Iterator<Item =
     std::iter::successors(network.agents[agent].parent, |&around| {
         network.agents[around].parent
     })
-}
-
-/// Whether there is a way to its end, whatever the values.
-fn comes_to_end(agent: &Agent) -> bool {
-    let mut seen = vec![false; agent.code.len()];
-    let mut open = vec![agent.start];
-    while let Some(at) = open.pop() {
-        if std::mem::replace(&mut seen[at], true) {
-            continue;
-        }
-        match &agent.code[at].step {
-            Step::End => {}
-            Step::Goto(next)
-            | Step::Assign(_, _, next)
-            | Step::Assert(_, next)
-            | Step::Fork(_, next)
-            | Step::Join(_, next) => open.push(*next),
-            Step::Branch(_, then, otherwise) => open.extend([*then, *otherwise]),
-            Step::Wait(edges) => open.extend(edges.iter().map(|edge| edge.next)),
-        }
-    }
-    seen[END]
 }

@@ -74,13 +74,11 @@ impl SpinCheck {
         match verdict {
             Verdict::Holds => {}
             Verdict::Incomplete => self.incomplete.push(title.to_owned()),
-            Verdict::Fails { reason, trail } => self.findings.push(Finding {
-                kind,
-                trace: trail::words(network, promela, &trail),
-                there: vec![format!("SPIN: {reason}")],
-                circle: Vec::new(),
-                replay: None,
-            }),
+            Verdict::Fails { reason, trail } => {
+                let trace = trail::words(network, promela, &trail);
+                let there = vec![format!("SPIN: {reason}")];
+                self.findings.push(Finding::new(kind, trace, there));
+            }
         }
     }
 }

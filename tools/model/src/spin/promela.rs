@@ -117,17 +117,11 @@ impl Writer<'_> {
         ));
         // A step without an effect, which SPIN would not take in a circle as `skip`.
         self.line("  bit nothing;");
-        let rotates = agent.code.iter().any(|place| match &place.step {
-            Step::Wait(edges) => edges.iter().any(|edge| self.rotates(edge)),
-            _ => false,
-        });
-        if rotates {
+        let edges = || agent.code.iter().map(|place| place.step.edges());
+        if edges().flatten().any(|edge| self.rotates(edge)) {
             self.line("  int r;");
         }
-        let guards = agent.code.iter().map(|place| match &place.step {
-            Step::Wait(edges) => edges.iter().filter(|edge| needs_choice(edge)).count(),
-            _ => 0,
-        });
+        let guards = edges().map(|of| of.iter().filter(|edge| needs_choice(edge)).count());
         for guard in 0..guards.max().unwrap_or(0) {
             self.line(&format!("  chan g{guard};"));
         }

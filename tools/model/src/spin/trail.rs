@@ -3,7 +3,7 @@
 use super::promela::{Mark, Promela};
 use crate::explore::words::Said;
 use crate::explore::{StepParts, TraceStep};
-use crate::network::{Buffering, Edge, Label, Network, Step};
+use crate::network::{Buffering, Edge, Label, Network};
 
 /// The moves of a trail; of an endless run the part that is repeated comes after a
 /// line that says so.
@@ -74,8 +74,6 @@ fn place(line: &str) -> Option<(u64, usize)> {
 }
 
 fn edge(network: &Network, mark: Mark) -> Option<&Edge> {
-    match &network.agents[mark.agent].code[mark.place].step {
-        Step::Wait(edges) => edges.get(mark.edge),
-        _ => None,
-    }
+    let place = &network.agents[mark.agent].code[mark.place];
+    place.step.edges().get(mark.edge)
 }

@@ -89,10 +89,7 @@ impl<'a> Automaton<'a> {
             return Ok(known);
         }
         let from = self.sets[set as usize].to_vec();
-        let next = match self.network().channels[symbol.channel].kind {
-            Buffering::Rendezvous => self.meet(&from, symbol, &mut |_| ())?,
-            _ => self.buffered(from, symbol, &mut |_| ())?,
-        };
+        let next = self.happened(from, symbol, &mut |_| ())?;
         let next = match next.is_empty() {
             true => None,
             false => Some(self.set(next)?),
@@ -132,10 +129,7 @@ impl<'a> Automaton<'a> {
         let from = self.sets[set as usize].to_vec();
         let mut breaks = |line| lines.extend([line]);
         // Only the broken rules are wanted: these are all known if the limit is reached.
-        let _ = match network.channels[symbol.channel].kind {
-            Buffering::Rendezvous => self.meet(&from, symbol, &mut breaks),
-            _ => self.buffered(from, symbol, &mut breaks),
-        };
+        let _ = self.happened(from, symbol, &mut breaks);
         lines.into_iter().collect()
     }
 
@@ -182,6 +176,19 @@ impl<'a> Automaton<'a> {
 
     pub(super) fn process(&self, agent: usize) -> usize {
         self.network().agents[agent].process
+    }
+
+    /// The states after a communication.
+    fn happened(
+        &mut self,
+        from: Vec<u32>,
+        symbol: Symbol,
+        breaks: &mut dyn FnMut(String),
+    ) -> Result<Vec<u32>, TooMany> {
+        match self.network().channels[symbol.channel].kind {
+            Buffering::Rendezvous => self.meet(&from, symbol, breaks),
+            _ => self.buffered(from, symbol, breaks),
+        }
     }
 
     /// The states after a rendezvous.
