@@ -10,64 +10,62 @@ use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 #[derive(Clone, Default)]
 pub struct Counts(Arc<Inner>);
 
-#[derive(Default)]
-struct Inner {
-    sent: AtomicU64,
-    received: AtomicU64,
-    overruns: AtomicU64,
-    malformed: AtomicU64,
-    lost: AtomicU64,
-    errors: AtomicU64,
-    unreported: AtomicU64,
-    dropped: AtomicU64,
-    /// 0, or one more than the state.
-    state: AtomicU8,
+macro_rules! counters {
+    ($($(#[$doc:meta])* $name:ident, $add:ident;)*) => {
+        #[derive(Default)]
+        struct Inner {
+            $($name: AtomicU64,)*
+            /// 0, or one more than the state.
+            state: AtomicU8,
+        }
+
+        impl Counts {
+            $(
+                $(#[$doc])*
+                pub fn $name(&self) -> u64 {
+                    self.0.$name.load(Ordering::Relaxed)
+                }
+
+                pub(crate) fn $add(&self, count: u64) {
+                    self.0.$name.fetch_add(count, Ordering::Relaxed);
+                }
+            )*
+        }
+
+        impl fmt::Debug for Counts {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.debug_struct("Counts")
+                    $(.field(stringify!($name), &self.$name()))*
+                    .field("state", &self.state())
+                    .finish()
+            }
+        }
+    };
+}
+
+counters! {
+    /// Frames that the port took. They were not on the bus yet.
+    sent, add_sent;
+    /// Frames given to receivers; a frame for two counts twice.
+    received, add_received;
+    /// Frames for which a receiver's channel had no room.
+    overruns, add_overrun;
+    /// Frames that are none of their receiver's values.
+    malformed, add_malformed;
+    /// Frames that were lost before: the queue of the kernel or of the hardware was full. Hardware
+    /// does not say how many: each report counts as one.
+    lost, add_lost;
+    /// Reports of errors on the bus.
+    errors, add_error;
+    /// Events for which their channel had no room, or that has no receiver. So for the reports of
+    /// a [`HeartbeatConsumer`](crate::canopen::HeartbeatConsumer).
+    unreported, add_unreported;
+    /// Frames that were not sent, since the node was bus-off: see
+    /// [`OnBusOff::Wait`](crate::OnBusOff::Wait).
+    dropped, add_dropped;
 }
 
 impl Counts {
-    /// Frames that the port took. They were not on the bus yet.
-    pub fn sent(&self) -> u64 {
-        self.0.sent.load(Ordering::Relaxed)
-    }
-
-    /// Frames given to receivers; a frame for two counts twice.
-    pub fn received(&self) -> u64 {
-        self.0.received.load(Ordering::Relaxed)
-    }
-
-    /// Frames for which a receiver's channel had no room.
-    pub fn overruns(&self) -> u64 {
-        self.0.overruns.load(Ordering::Relaxed)
-    }
-
-    /// Frames that are none of their receiver's values.
-    pub fn malformed(&self) -> u64 {
-        self.0.malformed.load(Ordering::Relaxed)
-    }
-
-    /// Frames that were lost before: the queue of the kernel or of the hardware was full. Hardware
-    /// does not say how many: each report counts as one.
-    pub fn lost(&self) -> u64 {
-        self.0.lost.load(Ordering::Relaxed)
-    }
-
-    /// Reports of errors on the bus.
-    pub fn errors(&self) -> u64 {
-        self.0.errors.load(Ordering::Relaxed)
-    }
-
-    /// Events for which their channel had no room, or that has no receiver. So for the reports of
-    /// a [`HeartbeatConsumer`](crate::canopen::HeartbeatConsumer).
-    pub fn unreported(&self) -> u64 {
-        self.0.unreported.load(Ordering::Relaxed)
-    }
-
-    /// Frames that were not sent, since the node was bus-off: see
-    /// [`OnBusOff::Wait`](crate::OnBusOff::Wait).
-    pub fn dropped(&self) -> u64 {
-        self.0.dropped.load(Ordering::Relaxed)
-    }
-
     /// The error state of the node, as was reported last; none before the first report. Ports
     /// report changes: a node is likely to be active until then, but was not asked.
     pub fn state(&self) -> Option<State> {
@@ -80,55 +78,7 @@ impl Counts {
         }
     }
 
-    pub(crate) fn add_sent(&self) {
-        self.0.sent.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_received(&self) {
-        self.0.received.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_overrun(&self) {
-        self.0.overruns.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_malformed(&self) {
-        self.0.malformed.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_lost(&self, count: u64) {
-        self.0.lost.fetch_add(count, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_error(&self) {
-        self.0.errors.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_unreported(&self) {
-        self.0.unreported.fetch_add(1, Ordering::Relaxed);
-    }
-
-    pub(crate) fn add_dropped(&self) {
-        self.0.dropped.fetch_add(1, Ordering::Relaxed);
-    }
-
     pub(crate) fn set_state(&self, state: State) {
         self.0.state.store(state as u8 + 1, Ordering::Relaxed);
-    }
-}
-
-impl fmt::Debug for Counts {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Counts")
-            .field("sent", &self.sent())
-            .field("received", &self.received())
-            .field("overruns", &self.overruns())
-            .field("malformed", &self.malformed())
-            .field("lost", &self.lost())
-            .field("errors", &self.errors())
-            .field("unreported", &self.unreported())
-            .field("dropped", &self.dropped())
-            .field("state", &self.state())
-            .finish()
     }
 }

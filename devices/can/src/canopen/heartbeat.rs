@@ -132,7 +132,7 @@ impl HeartbeatConsumer {
         match self.events.try_send(event) {
             Ok(()) => Ok(()),
             Err(TrySendError::Full(_) | TrySendError::Closed(_)) => {
-                self.counts.add_unreported();
+                self.counts.add_unreported(1);
                 Ok(())
             }
             Err(_) => Err(Error::Poisoned),

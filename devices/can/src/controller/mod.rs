@@ -319,8 +319,8 @@ async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts
             poisoned.as_mut().poll(cx).map(|_| Err(Stop::Poisoned))
         });
         match sent.await {
-            Ok(true) => counts.add_sent(),
-            Ok(false) => counts.add_dropped(),
+            Ok(true) => counts.add_sent(1),
+            Ok(false) => counts.add_dropped(1),
             Err(stop) => return stop,
         }
         give_way(number).await;

@@ -113,17 +113,17 @@ impl Routing<'_> {
             match receiver.to.take(frame) {
                 Taken::Yes => {
                     self.reported[number] = Reported::default();
-                    self.counts.add_received();
+                    self.counts.add_received(1);
                 }
                 Taken::Full => {
-                    self.counts.add_overrun();
+                    self.counts.add_overrun(1);
                     self.reported[number].malformed = false;
                     if !replace(&mut self.reported[number].overrun, true) {
                         self.report(Event::Overrun { receiver: number });
                     }
                 }
                 Taken::Malformed => {
-                    self.counts.add_malformed();
+                    self.counts.add_malformed(1);
                     if !replace(&mut self.reported[number].malformed, true) {
                         self.report(Event::Malformed { receiver: number });
                     }
@@ -141,7 +141,7 @@ impl Routing<'_> {
             self.report(Event::Lost(report.lost));
         }
         if let Some(error) = report.error {
-            self.counts.add_error();
+            self.counts.add_error(1);
             self.report(Event::Error(error));
         }
         if let Some(state) = report.state {
@@ -160,7 +160,7 @@ impl Routing<'_> {
             None => false,
         };
         if !is_reported {
-            self.counts.add_unreported();
+            self.counts.add_unreported(1);
         }
     }
 }

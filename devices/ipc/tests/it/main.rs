@@ -5,6 +5,8 @@ mod kernel;
 #[path = "../../../../tests/shared/mod.rs"]
 #[macro_use]
 mod shared;
+#[path = "../../../../tests/shared/links.rs"]
+mod links;
 
 mod any;
 mod blackboard;
@@ -23,7 +25,8 @@ mod same_core;
 #[cfg(feature = "serde")]
 mod serde_types;
 
-use luna::{Policy, System};
+use links::{run, spawn};
+use luna::Policy;
 use luna_ipc::ZeroCopySend;
 
 /// What most tests send.
@@ -62,29 +65,6 @@ fn files(name: &str) -> Vec<String> {
     let entries = std::fs::read_dir("/dev/shm").unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     names.filter(|name| name.starts_with(&prefix)).collect()
-}
-
-/// Runs a process and a link on an executor of their own, on the calling thread. Without the
-/// privilege for a policy the threads are ordinary ones.
-fn run(
-    policy: Policy,
-    link: impl luna::Process + Send + 'static,
-    body: impl Future<Output = luna::Result<()>> + Send + 'static,
-) -> luna::Result<()> {
-    let mut system = System::new("test");
-    let main = system.executor("main").policy(policy).build()?;
-    main.process("link").priority(2).spawn(link)?;
-    main.process("body").priority(1).spawn(body)?;
-    system.run().map(drop)
-}
-
-/// As [`run`], on a thread of its own.
-fn spawn(
-    policy: Policy,
-    link: impl luna::Process + Send + 'static,
-    body: impl Future<Output = luna::Result<()>> + Send + 'static,
-) -> std::thread::JoinHandle<luna::Result<()>> {
-    std::thread::spawn(move || run(policy, link, body))
 }
 
 /// Whether this process may have SCHED_FIFO.

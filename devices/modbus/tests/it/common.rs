@@ -30,20 +30,16 @@ pub(crate) const LONG: Duration = Duration::from_secs(60);
 pub(crate) const AT_ONCE: Reconnect =
     Reconnect::backing_off(Duration::from_millis(1), Duration::from_millis(10));
 
-/// A system with one client, and what its tests use.
+/// A system for one client.
 pub(crate) struct Bench {
-    pub(crate) plc: sim::Server,
     pub(crate) system: System,
     pub(crate) device: luna::devices::Device<ModbusServer>,
-    pub(crate) events: Receiver<Event>,
 }
 
 impl Bench {
-    pub(crate) fn new() -> (Self, Client) {
-        Self::with(sim::Server::start().unwrap())
-    }
-
-    pub(crate) fn with(plc: sim::Server) -> (Self, Client) {
+    /// With the client, its server and its events.
+    pub(crate) fn new() -> (Self, Client, sim::Server, Receiver<Event>) {
+        let plc = sim::Server::start().unwrap();
         let system = System::new("plant");
         let device = luna_modbus::open(&system.devices(), plc.address()).unwrap();
         let (event, events) = luna::buffered(Buffer::fifo(64));
@@ -52,13 +48,21 @@ impl Bench {
             .timeout(LONG)
             .unwrap()
             .reconnect(AT_ONCE);
-        let bench = Self {
-            plc,
-            system,
-            device,
-            events,
-        };
-        (bench, client)
+        (Self { system, device }, client, plc, events)
+    }
+
+    /// Runs the client beside its user, to the end of both.
+    pub(crate) fn run(
+        self,
+        client: Client,
+        user: impl Future<Output = luna::Result<()>> + Send + 'static,
+    ) {
+        let Self { mut system, device } = self;
+        let main = system.executor("main").build().unwrap();
+        main.process("client").spawn_ok(client);
+        main.process("user").spawn_ok(user);
+        drop(device);
+        system.run().unwrap();
     }
 }
 

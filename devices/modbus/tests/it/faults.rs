@@ -12,7 +12,7 @@ use std::time::Duration;
 #[test]
 fn a_refused_read_is_reported_once_and_the_others_go_on() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, events) = Bench::new();
     let (absent, nothing) = newest::<u16>();
     let (value, values) = newest::<u16>();
     let (leaving, left) = newest::<u16>();
@@ -22,15 +22,7 @@ fn a_refused_read_is_reported_once_and_the_others_go_on() {
         .and_then(|client| client.read(input(10), leaving))
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events,
-    } = bench;
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         assert_eq!(events.recv().await?, Event::Connected);
         let Event::ReadRefused(error) = events.recv().await? else {
             panic!("no refusal")
@@ -63,8 +55,6 @@ fn a_refused_read_is_reported_once_and_the_others_go_on() {
         drop(nothing);
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert!(counts.exceptions() >= 10);
     assert_eq!(counts.connections(), 1);
 }
@@ -72,20 +62,12 @@ fn a_refused_read_is_reported_once_and_the_others_go_on() {
 #[test]
 fn it_finds_a_server_that_was_away() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, events) = Bench::new();
     let (value, values) = newest::<u16>();
     let client = client.read(input(0), value).unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events,
-    } = bench;
     let address = plc.address();
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         let mut plc = plc;
         for number in 1..4 {
             assert_eq!(events.recv().await?, Event::Connected);
@@ -100,8 +82,6 @@ fn it_finds_a_server_that_was_away() {
         }
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert!(counts.connections() >= 3, "{counts:?}");
 }
 
@@ -118,7 +98,7 @@ async fn again(address: SocketAddr) -> luna::Result<sim::Server> {
 #[test]
 fn a_slow_server_makes_cycles_late_and_one_beyond_the_limit_is_left() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, events) = Bench::new();
     let (value, values) = newest::<u16>();
     let limit = Duration::from_millis(500);
     let client = client
@@ -126,17 +106,9 @@ fn a_slow_server_makes_cycles_late_and_one_beyond_the_limit_is_left() {
         .and_then(|client| client.read(input(0), value))
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events,
-    } = bench;
     plc.fault(Fault::Slow(Duration::from_millis(20)));
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
     let seen = counts.clone();
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         for number in 1..4 {
             plc.set(input(0), number)?;
             until(&values, number).await?;
@@ -156,27 +128,17 @@ fn a_slow_server_makes_cycles_late_and_one_beyond_the_limit_is_left() {
         until(&values, 9).await?;
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert!(counts.timeouts() >= 1 && counts.connections() >= 2);
 }
 
 #[test]
 fn garbage_closes_the_connection_and_is_named() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, events) = Bench::new();
     let (value, values) = newest::<u16>();
     let client = client.read(input(0), value).unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events,
-    } = bench;
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         assert_eq!(events.recv().await?, Event::Connected);
         let http = b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec();
         // A transaction of long ago would be one of 65 536.
@@ -200,15 +162,13 @@ fn garbage_closes_the_connection_and_is_named() {
         }
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert!(counts.garbage() >= 2 && counts.connections() >= 3);
 }
 
 #[test]
 fn a_server_that_stays_away_is_a_lost_device_and_an_emergency() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, events) = Bench::new();
     let (value, values) = newest::<u16>();
     let (switch, switches) = newest::<bool>();
     let client = client
@@ -217,12 +177,7 @@ fn a_server_that_stays_away_is_a_lost_device_and_an_emergency() {
         .and_then(|client| client.write(coil(0), switches))
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events,
-    } = bench;
+    let Bench { mut system, device } = bench;
     plc.stop();
     let devices = system.devices();
     let main = system.executor("main").build().unwrap();
@@ -248,7 +203,7 @@ fn a_server_that_stays_away_is_a_lost_device_and_an_emergency() {
 #[test]
 fn the_loss_does_not_wait_for_the_reader_of_the_events() {
     let Some(_watch) = with_files() else { return };
-    let (bench, _) = Bench::new();
+    let (bench, _, plc, _events) = Bench::new();
     let (event, events) = luna::buffered(Buffer::fifo(1));
     let (value, values) = newest::<u16>();
     let (switch, switches) = luna::buffered::<bool>(Buffer::fifo(4));
@@ -259,12 +214,7 @@ fn the_loss_does_not_wait_for_the_reader_of_the_events() {
         .unwrap()
         .reconnect(AT_ONCE.attempts(3));
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        ..
-    } = bench;
+    let Bench { mut system, device } = bench;
     let main = system.executor("main").build().unwrap();
     main.process("client").spawn_ok(client);
     let kept = switch.clone();
@@ -290,19 +240,14 @@ fn the_loss_does_not_wait_for_the_reader_of_the_events() {
 #[test]
 fn a_server_that_hangs_up_at_once_uses_up_the_attempts() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, _events) = Bench::new();
     let (value, _values) = newest::<u16>();
     let client = client
         .reconnect(AT_ONCE.attempts(3))
         .read(input(0), value)
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events: _events,
-    } = bench;
+    let Bench { mut system, device } = bench;
     plc.fault(Fault::HangsUp);
     let main = system.executor("main").build().unwrap();
     main.process("client").spawn_ok(client);

@@ -8,8 +8,7 @@ use std::time::Duration;
 #[test]
 fn all_types_are_read_from_all_tables() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
-    let plc = &bench.plc;
+    let (bench, client, plc, _events) = Bench::new();
     plc.set(coil(3), true).unwrap();
     plc.set(discrete(4), true).unwrap();
     plc.set(input(0), -5_i16).unwrap();
@@ -35,15 +34,7 @@ fn all_types_are_read_from_all_tables() {
         .and_then(|client| client.read(input(1), word))
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        ..
-    } = bench;
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         assert!(bits.recv().await?);
         assert!(other_bits.recv().await?);
         assert_eq!(smalls.recv().await?, -5);
@@ -53,8 +44,6 @@ fn all_types_are_read_from_all_tables() {
         assert_eq!(floats.recv().await?, -1.5);
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert!(counts.values() >= 7);
     assert_eq!((counts.connections(), counts.exceptions()), (1, 0));
     // Coil; discrete; inputs 0 and 1 in one; holdings 2 to 5 in one; holding 900.
@@ -64,7 +53,7 @@ fn all_types_are_read_from_all_tables() {
 #[test]
 fn values_are_written_in_order_and_read_back() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, _events) = Bench::new();
     let (set, setting) = luna::buffered::<f32>(Buffer::fifo(4));
     let (switch, switches) = newest::<bool>();
     let (small, smalls) = newest::<i16>();
@@ -76,15 +65,7 @@ fn values_are_written_in_order_and_read_back() {
         .and_then(|client| client.read(holding::<f32>(8).order(WordOrder::LowFirst), value))
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        ..
-    } = bench;
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         for number in 0..100_u8 {
             set.send(number.into()).await?;
         }
@@ -94,8 +75,6 @@ fn values_are_written_in_order_and_read_back() {
         // The last of them are written although the senders are gone.
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert_eq!((counts.written(), counts.write_failures()), (102, 0));
     assert!(plc.get(coil(1)).unwrap());
     assert_eq!(plc.get(holding::<i16>(0)).unwrap(), -3);
@@ -106,7 +85,7 @@ fn values_are_written_in_order_and_read_back() {
 #[test]
 fn a_reader_that_does_not_read_delays_nothing() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, _events) = Bench::new();
     let (stuck, unread) = luna::channel::<u16>();
     let (value, values) = newest::<u16>();
     let client = client
@@ -114,15 +93,7 @@ fn a_reader_that_does_not_read_delays_nothing() {
         .and_then(|client| client.read(input(1), value))
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        ..
-    } = bench;
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         for number in 1..10 {
             plc.set(input(1), number)?;
             until(&values, number).await?;
@@ -130,32 +101,25 @@ fn a_reader_that_does_not_read_delays_nothing() {
         drop(unread);
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert!(counts.dropped() >= 9, "{counts:?}");
 }
 
 #[test]
 fn two_clients_share_a_server() {
     let Some(_watch) = with_files() else { return };
-    let (bench, fast) = Bench::new();
+    let (bench, fast, plc, _fast_events) = Bench::new();
     let (event, _events) = luna::buffered(Buffer::fifo(8));
     let slow = luna_modbus::client(&bench.device, 5 * PERIOD, event)
         .and_then(|client| client.unit(9).timeout(LONG))
         .unwrap();
-    bench.plc.set(input(0), 1_u16).unwrap();
+    plc.set(input(0), 1_u16).unwrap();
     let (one, ones) = newest::<u16>();
     let (other, others) = newest::<u16>();
     let (fast, slow) = (
         fast.read(input(0), one).unwrap(),
         slow.read(input(0), other).unwrap(),
     );
-    let Bench {
-        plc: _plc,
-        mut system,
-        device,
-        ..
-    } = bench;
+    let Bench { mut system, device } = bench;
     let main = system.executor("main").build().unwrap();
     main.process("fast").spawn_ok(fast);
     main.process("slow").spawn_ok(slow);
@@ -186,7 +150,7 @@ fn what_cannot_be_is_refused_at_set_up() {
 #[test]
 fn on_a_virtual_clock_it_does_not_start() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, _plc, _events) = Bench::new();
     let (value, _values) = newest::<u16>();
     let client = client.read(input(0), value).unwrap();
     let mut system = bench.system;

@@ -12,19 +12,11 @@ use std::time::Duration;
 #[test]
 fn a_refused_write_is_reported_with_its_value() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, _plc, events) = Bench::new();
     let (set, setting) = luna::buffered::<i32>(Buffer::fifo(4));
     let client = client.write(holding(1_234), setting).unwrap();
     let counts = client.counts();
-    let Bench {
-        plc: _plc,
-        mut system,
-        device,
-        events,
-    } = bench;
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         set.send(-70_000).await?;
         assert_eq!(events.recv().await?, Event::Connected);
         let Event::WriteFailed { value, error } = events.recv().await? else {
@@ -39,8 +31,6 @@ fn a_refused_write_is_reported_with_its_value() {
         assert_eq!(error, RequestError::Exception { request, code });
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert_eq!((counts.written(), counts.write_failures()), (0, 1));
     assert_eq!(counts.connections(), 1);
 }
@@ -48,7 +38,7 @@ fn a_refused_write_is_reported_with_its_value() {
 #[test]
 fn a_write_without_an_answer_is_reported_and_not_repeated() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, events) = Bench::new();
     let (set, setting) = luna::channel::<u16>();
     let (value, values) = newest::<u16>();
     let client = client
@@ -56,15 +46,7 @@ fn a_write_without_an_answer_is_reported_and_not_repeated() {
         .and_then(|client| client.read(holding(0), value))
         .unwrap();
     let counts = client.counts();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events,
-    } = bench;
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         assert_eq!(events.recv().await?, Event::Connected);
         set.send(1).await?;
         until(&values, 1).await?;
@@ -88,8 +70,6 @@ fn a_write_without_an_answer_is_reported_and_not_repeated() {
         until(&values, 3).await?;
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
     assert_eq!((counts.written(), counts.write_failures()), (2, 1));
 }
 
@@ -201,19 +181,11 @@ fn every_value_is_written_once_or_reported() {
 #[test]
 fn what_waits_at_the_end_without_a_server_is_reported() {
     let Some(_watch) = with_files() else { return };
-    let (bench, client) = Bench::new();
+    let (bench, client, plc, events) = Bench::new();
     let (set, setting) = luna::buffered::<f32>(Buffer::fifo(4));
     let client = client.write(holding(10), setting).unwrap();
-    let Bench {
-        plc,
-        mut system,
-        device,
-        events,
-    } = bench;
     plc.stop();
-    let main = system.executor("main").build().unwrap();
-    main.process("client").spawn_ok(client);
-    main.process("user").spawn_ok(async move {
+    bench.run(client, async move {
         set.send(0.5).await?;
         set.send(1.5).await?;
         drop(set);
@@ -229,6 +201,4 @@ fn what_waits_at_the_end_without_a_server_is_reported() {
         }
         Ok(())
     });
-    drop(device);
-    system.run().unwrap();
 }

@@ -5,15 +5,10 @@ use crate::child::Program;
 use crate::kill::{check, folder, wait_for_progress};
 use crate::relay::{Relay, Weather};
 use crate::secure::certificates;
-use crate::shared::{Random, skip, watchdog};
+use crate::shared::{Random, is_long, skip, watchdog};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::time::{Duration, Instant};
-
-/// Whether the long form of the drills is asked for.
-fn is_long() -> bool {
-    std::env::var("LUNA_LONG").is_ok_and(|long| long == "1")
-}
 
 /// What the programs of one test are to be carried over.
 const WEATHER: Weather = Weather {

@@ -102,8 +102,7 @@ fn program() {
     let Ok(task) = std::env::var(TASK) else {
         return;
     };
-    let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
-    let _watchdog = (!is_long).then(crate::shared::watchdog);
+    let _watchdog = (!crate::shared::is_long()).then(crate::shared::watchdog);
     let arguments: Vec<&str> = task.split('\n').collect();
     match arguments.as_slice() {
         ["hold", address] => run(hold(connected(address))),

@@ -2,7 +2,7 @@
 
 use crate::address;
 use crate::child::{Program, read_log};
-use crate::shared::{Random, watchdog};
+use crate::shared::{Random, is_long, watchdog};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -69,7 +69,7 @@ fn kills_at_random_instants_of_a_stream() {
 
 /// Kills programs, of which one sends as this task says.
 fn kills(sends: &str) {
-    let is_long = std::env::var("LUNA_LONG").is_ok_and(|long| long == "1");
+    let is_long = is_long();
     // The watchdog allows five minutes, less than a long run.
     let _watchdog = (!is_long).then(watchdog);
     let kills = if is_long { 1000 } else { 30 };

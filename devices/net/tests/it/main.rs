@@ -3,6 +3,8 @@
 #[path = "../../../../tests/shared/mod.rs"]
 #[macro_use]
 mod shared;
+#[path = "../../../../tests/shared/links.rs"]
+mod links;
 
 mod bad_network;
 mod child;
@@ -16,7 +18,7 @@ mod rendezvous;
 mod secure;
 mod streams;
 
-use luna::{Policy, System};
+use links::{run, spawn};
 use luna_net::{Config, Network};
 use std::time::Duration;
 
@@ -33,27 +35,4 @@ fn networks(config: &Config) -> (Network, Network) {
     let there = config.clone().connect(&address);
     let there = there.connect_within(Duration::from_secs(30));
     (here, Network::open(&there).unwrap())
-}
-
-/// Runs a process and a link on an executor of their own, on the calling thread. Without the
-/// privilege for a policy the threads are ordinary ones.
-fn run(
-    policy: Policy,
-    link: impl luna::Process + Send + 'static,
-    body: impl Future<Output = luna::Result<()>> + Send + 'static,
-) -> luna::Result<()> {
-    let mut system = System::new("test");
-    let main = system.executor("main").policy(policy).build()?;
-    main.process("link").priority(2).spawn(link)?;
-    main.process("body").priority(1).spawn(body)?;
-    system.run().map(drop)
-}
-
-/// As [`run`], on a thread of its own.
-fn spawn(
-    policy: Policy,
-    link: impl luna::Process + Send + 'static,
-    body: impl Future<Output = luna::Result<()>> + Send + 'static,
-) -> std::thread::JoinHandle<luna::Result<()>> {
-    std::thread::spawn(move || run(policy, link, body))
 }

@@ -46,19 +46,16 @@ pub(super) fn packages(interfaces: &[Interface]) -> Result<Vec<(String, String)>
         let name = &interface.name;
         match &interface.parts {
             Parts::Message(part) => {
-                names.item(body, interface, part, name, "A message")?;
-                let path = format!("{}/msg/{name}", interface.package);
-                let _ = writeln!(
-                    body,
-                    "\nimpl luna_ros2::Message for {name} {{\n    const TYPE: &'static str = {path:?};\n}}\n"
-                );
+                let path = format!(": \"{}/msg/{name}\"", interface.package);
+                names.item(body, interface, part, name, (&path, "A message"))?;
+                body.push('\n');
             }
             Parts::Service(request, reply) => {
                 let path = format!("{}/srv/{name}", interface.package);
                 let (asks, answers) = (format!("{name}Request"), format!("{name}Reply"));
-                names.item(body, interface, request, &asks, "A request")?;
+                names.item(body, interface, request, &asks, ("", "A request"))?;
                 body.push('\n');
-                names.item(body, interface, reply, &answers, "A reply")?;
+                names.item(body, interface, reply, &answers, ("", "A reply"))?;
                 let _ = writeln!(
                     body,
                     "\n/// The service `{path}`.\n#[derive(Debug)]\npub enum {name} {{}}\n\n\
@@ -75,55 +72,55 @@ pub(super) fn packages(interfaces: &[Interface]) -> Result<Vec<(String, String)>
 }
 
 impl Names<'_> {
-    /// A struct with its constants and its default.
+    /// A struct with its constants and its default. The last argument has what follows its name,
+    /// and what it is.
     fn item(
         &self,
         body: &mut String,
         interface: &Interface,
         part: &Part,
         name: &str,
-        what: &str,
+        (typed, what): (&str, &str),
     ) -> Result<(), GenerateError> {
         let path = format!("{}/{}", interface.package, interface.name);
-        let mut is_copy = true;
+        let (mut is_copy, mut derives_default) = (true, true);
         let (mut fields, mut defaults) = (String::new(), String::new());
         for field in &part.fields {
             let refused = |what| interface.refused(field.line, what);
             let (text, copy) = self.of(interface, &field.kind).map_err(refused)?;
             is_copy &= copy;
             let identifier = identifier(&field.name);
-            doc(
-                &mut fields,
-                "    ",
-                &field.doc,
-                &format!("`{}`.", field.name),
-            );
+            let fallback = format!("`{}`.", field.name);
+            doc(&mut fields, "        ", &field.doc, &fallback);
             if matches!(field.kind.count, Count::Exactly(33..)) {
-                fields.push_str("    #[serde(with = \"luna_ros2::big_array\")]\n");
+                fields.push_str("        #[serde(with = \"luna_ros2::big_array\")]\n");
+                derives_default = false;
             }
-            let _ = writeln!(fields, "    pub {identifier}: {text},");
+            derives_default &= field.value.is_none();
+            let _ = writeln!(fields, "        pub {identifier}: {text},");
             let value = default(field).map_err(refused)?;
             let _ = writeln!(defaults, "            {identifier}: {value},");
         }
         if part.fields.is_empty() {
             // As ROS 2 does: a structure of DDS has a member.
             let member = "structure_needs_at_least_one_member";
-            let _ = writeln!(fields, "    /// Without meaning.\n    pub {member}: u8,");
-            let _ = writeln!(defaults, "            {member}: 0,");
+            let doc = "        /// Without meaning.\n";
+            let _ = writeln!(fields, "{doc}        pub {member}: u8,");
         }
-        doc(body, "", &part.doc, &format!("{what} of `{path}`."));
-        let serde = "luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize";
-        // As rustfmt has it.
-        let derive = match is_copy {
-            true => format!("#[derive(\n    Debug, Clone, Copy, PartialEq, {serde},\n)]"),
-            false => format!("#[derive(Debug, Clone, PartialEq, {serde})]"),
+        let _ = writeln!(body, "luna_ros2::message! {{");
+        doc(body, "    ", &part.doc, &format!("{what} of `{path}`."));
+        let derived = match (is_copy, derives_default) {
+            (true, true) => "    #[derive(Copy, Default)]\n",
+            (true, false) => "    #[derive(Copy)]\n",
+            (false, true) => "    #[derive(Default)]\n",
+            (false, false) => "",
         };
         let _ = write!(
             body,
-            "{derive}\n#[serde(crate = \"luna_ros2::serde\")]\npub struct {name} {{\n{fields}}}\n\n"
+            "{derived}    pub struct {name}{typed} {{\n{fields}    }}\n}}\n"
         );
         if !part.constants.is_empty() {
-            let _ = writeln!(body, "impl {name} {{");
+            let _ = writeln!(body, "\nimpl {name} {{");
             for constant in &part.constants {
                 let refused = |what| interface.refused(constant.line, what);
                 let value = constant.value.as_deref().unwrap_or_default();
@@ -136,12 +133,14 @@ impl Names<'_> {
                 doc(body, "    ", &constant.doc, &fallback);
                 let _ = writeln!(body, "    pub const {}: {text} = {value};", constant.name);
             }
-            body.push_str("}\n\n");
+            body.push_str("}\n");
         }
-        let _ = write!(
-            body,
-            "#[allow(clippy::derivable_impls, reason = \"generated\")]\nimpl Default for {name} {{\n    fn default() -> Self {{\n        Self {{\n{defaults}        }}\n    }}\n}}\n"
-        );
+        if !derives_default {
+            let _ = write!(
+                body,
+                "\n#[allow(clippy::derivable_impls, reason = \"generated\")]\nimpl Default for {name} {{\n    fn default() -> Self {{\n        Self {{\n{defaults}        }}\n    }}\n}}\n"
+            );
+        }
         Ok(())
     }
 

@@ -1,95 +1,50 @@
 //! Interfaces of the package `geometry_msgs`.
 
-/// A place in free space, in metres.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Point {
-    /// Along the first axis.
-    pub x: f64,
-    /// Along the second axis.
-    pub y: f64,
-    /// Along the third axis.
-    pub z: f64,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for Point {
-    fn default() -> Self {
-        Self {
-            x: Default::default(),
-            y: Default::default(),
-            z: Default::default(),
-        }
+luna_ros2::message! {
+    /// A place in free space, in metres.
+    #[derive(Copy, Default)]
+    pub struct Point: "geometry_msgs/msg/Point" {
+        /// Along the first axis.
+        pub x: f64,
+        /// Along the second axis.
+        pub y: f64,
+        /// Along the third axis.
+        pub z: f64,
     }
 }
 
-impl luna_ros2::Message for Point {
-    const TYPE: &'static str = "geometry_msgs/msg/Point";
-}
-
-/// Place and orientation.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Pose {
-    /// The place.
-    pub position: Point,
-    /// The orientation.
-    pub orientation: Quaternion,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for Pose {
-    fn default() -> Self {
-        Self {
-            position: Default::default(),
-            orientation: Default::default(),
-        }
+luna_ros2::message! {
+    /// Place and orientation.
+    #[derive(Copy, Default)]
+    pub struct Pose: "geometry_msgs/msg/Pose" {
+        /// The place.
+        pub position: Point,
+        /// The orientation.
+        pub orientation: Quaternion,
     }
 }
 
-impl luna_ros2::Message for Pose {
-    const TYPE: &'static str = "geometry_msgs/msg/Pose";
-}
-
-/// A pose with its time and frame.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct PoseStamped {
-    /// When and where.
-    pub header: super::std_msgs::Header,
-    /// The pose.
-    pub pose: Pose,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for PoseStamped {
-    fn default() -> Self {
-        Self {
-            header: Default::default(),
-            pose: Default::default(),
-        }
+luna_ros2::message! {
+    /// A pose with its time and frame.
+    #[derive(Default)]
+    pub struct PoseStamped: "geometry_msgs/msg/PoseStamped" {
+        /// When and where.
+        pub header: super::std_msgs::Header,
+        /// The pose.
+        pub pose: Pose,
     }
 }
 
-impl luna_ros2::Message for PoseStamped {
-    const TYPE: &'static str = "geometry_msgs/msg/PoseStamped";
-}
-
-/// A pose with its uncertainty.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct PoseWithCovariance {
-    /// The pose.
-    pub pose: Pose,
-    /// Rows of the covariance of x, y, z and the rotations about them.
-    #[serde(with = "luna_ros2::big_array")]
-    pub covariance: [f64; 36],
+luna_ros2::message! {
+    /// A pose with its uncertainty.
+    #[derive(Copy)]
+    pub struct PoseWithCovariance: "geometry_msgs/msg/PoseWithCovariance" {
+        /// The pose.
+        pub pose: Pose,
+        /// Rows of the covariance of x, y, z and the rotations about them.
+        #[serde(with = "luna_ros2::big_array")]
+        pub covariance: [f64; 36],
+    }
 }
 
 #[allow(clippy::derivable_impls, reason = "generated")]
@@ -102,24 +57,19 @@ impl Default for PoseWithCovariance {
     }
 }
 
-impl luna_ros2::Message for PoseWithCovariance {
-    const TYPE: &'static str = "geometry_msgs/msg/PoseWithCovariance";
-}
-
-/// An orientation in free space; no rotation if not stated.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Quaternion {
-    /// First imaginary part.
-    pub x: f64,
-    /// Second imaginary part.
-    pub y: f64,
-    /// Third imaginary part.
-    pub z: f64,
-    /// Real part.
-    pub w: f64,
+luna_ros2::message! {
+    /// An orientation in free space; no rotation if not stated.
+    #[derive(Copy)]
+    pub struct Quaternion: "geometry_msgs/msg/Quaternion" {
+        /// First imaginary part.
+        pub x: f64,
+        /// Second imaginary part.
+        pub y: f64,
+        /// Third imaginary part.
+        pub z: f64,
+        /// Real part.
+        pub w: f64,
+    }
 }
 
 #[allow(clippy::derivable_impls, reason = "generated")]
@@ -134,124 +84,62 @@ impl Default for Quaternion {
     }
 }
 
-impl luna_ros2::Message for Quaternion {
-    const TYPE: &'static str = "geometry_msgs/msg/Quaternion";
-}
-
-/// A change of frame.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Transform {
-    /// The shift in metres.
-    pub translation: Vector3,
-    /// The rotation.
-    pub rotation: Quaternion,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for Transform {
-    fn default() -> Self {
-        Self {
-            translation: Default::default(),
-            rotation: Default::default(),
-        }
+luna_ros2::message! {
+    /// A change of frame.
+    #[derive(Copy, Default)]
+    pub struct Transform: "geometry_msgs/msg/Transform" {
+        /// The shift in metres.
+        pub translation: Vector3,
+        /// The rotation.
+        pub rotation: Quaternion,
     }
 }
 
-impl luna_ros2::Message for Transform {
-    const TYPE: &'static str = "geometry_msgs/msg/Transform";
-}
-
-/// A change from the frame of the header to a child frame.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct TransformStamped {
-    /// When, and from which frame.
-    pub header: super::std_msgs::Header,
-    /// To which frame.
-    pub child_frame_id: std::string::String,
-    /// The change.
-    pub transform: Transform,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for TransformStamped {
-    fn default() -> Self {
-        Self {
-            header: Default::default(),
-            child_frame_id: Default::default(),
-            transform: Default::default(),
-        }
+luna_ros2::message! {
+    /// A change from the frame of the header to a child frame.
+    #[derive(Default)]
+    pub struct TransformStamped: "geometry_msgs/msg/TransformStamped" {
+        /// When, and from which frame.
+        pub header: super::std_msgs::Header,
+        /// To which frame.
+        pub child_frame_id: std::string::String,
+        /// The change.
+        pub transform: Transform,
     }
 }
 
-impl luna_ros2::Message for TransformStamped {
-    const TYPE: &'static str = "geometry_msgs/msg/TransformStamped";
-}
-
-/// A velocity.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Twist {
-    /// In m/s.
-    pub linear: Vector3,
-    /// In rad/s, about each axis.
-    pub angular: Vector3,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for Twist {
-    fn default() -> Self {
-        Self {
-            linear: Default::default(),
-            angular: Default::default(),
-        }
+luna_ros2::message! {
+    /// A velocity.
+    #[derive(Copy, Default)]
+    pub struct Twist: "geometry_msgs/msg/Twist" {
+        /// In m/s.
+        pub linear: Vector3,
+        /// In rad/s, about each axis.
+        pub angular: Vector3,
     }
 }
 
-impl luna_ros2::Message for Twist {
-    const TYPE: &'static str = "geometry_msgs/msg/Twist";
-}
-
-/// A velocity with its time and frame.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct TwistStamped {
-    /// When and where.
-    pub header: super::std_msgs::Header,
-    /// The velocity.
-    pub twist: Twist,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for TwistStamped {
-    fn default() -> Self {
-        Self {
-            header: Default::default(),
-            twist: Default::default(),
-        }
+luna_ros2::message! {
+    /// A velocity with its time and frame.
+    #[derive(Default)]
+    pub struct TwistStamped: "geometry_msgs/msg/TwistStamped" {
+        /// When and where.
+        pub header: super::std_msgs::Header,
+        /// The velocity.
+        pub twist: Twist,
     }
 }
 
-impl luna_ros2::Message for TwistStamped {
-    const TYPE: &'static str = "geometry_msgs/msg/TwistStamped";
-}
-
-/// A velocity with its uncertainty.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct TwistWithCovariance {
-    /// The velocity.
-    pub twist: Twist,
-    /// Rows of the covariance of the six parts.
-    #[serde(with = "luna_ros2::big_array")]
-    pub covariance: [f64; 36],
+luna_ros2::message! {
+    /// A velocity with its uncertainty.
+    #[derive(Copy)]
+    pub struct TwistWithCovariance: "geometry_msgs/msg/TwistWithCovariance" {
+        /// The velocity.
+        pub twist: Twist,
+        /// Rows of the covariance of the six parts.
+        #[serde(with = "luna_ros2::big_array")]
+        pub covariance: [f64; 36],
+    }
 }
 
 #[allow(clippy::derivable_impls, reason = "generated")]
@@ -264,61 +152,26 @@ impl Default for TwistWithCovariance {
     }
 }
 
-impl luna_ros2::Message for TwistWithCovariance {
-    const TYPE: &'static str = "geometry_msgs/msg/TwistWithCovariance";
-}
-
-/// A vector in free space.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Vector3 {
-    /// Along the first axis.
-    pub x: f64,
-    /// Along the second axis.
-    pub y: f64,
-    /// Along the third axis.
-    pub z: f64,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for Vector3 {
-    fn default() -> Self {
-        Self {
-            x: Default::default(),
-            y: Default::default(),
-            z: Default::default(),
-        }
+luna_ros2::message! {
+    /// A vector in free space.
+    #[derive(Copy, Default)]
+    pub struct Vector3: "geometry_msgs/msg/Vector3" {
+        /// Along the first axis.
+        pub x: f64,
+        /// Along the second axis.
+        pub y: f64,
+        /// Along the third axis.
+        pub z: f64,
     }
 }
 
-impl luna_ros2::Message for Vector3 {
-    const TYPE: &'static str = "geometry_msgs/msg/Vector3";
-}
-
-/// A force and a torque.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Wrench {
-    /// In newtons.
-    pub force: Vector3,
-    /// In newton metres.
-    pub torque: Vector3,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for Wrench {
-    fn default() -> Self {
-        Self {
-            force: Default::default(),
-            torque: Default::default(),
-        }
+luna_ros2::message! {
+    /// A force and a torque.
+    #[derive(Copy, Default)]
+    pub struct Wrench: "geometry_msgs/msg/Wrench" {
+        /// In newtons.
+        pub force: Vector3,
+        /// In newton metres.
+        pub torque: Vector3,
     }
-}
-
-impl luna_ros2::Message for Wrench {
-    const TYPE: &'static str = "geometry_msgs/msg/Wrench";
 }

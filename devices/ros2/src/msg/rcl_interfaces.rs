@@ -1,131 +1,73 @@
 //! Interfaces of the package `rcl_interfaces`.
 
-/// What a number may be.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct FloatingPointRange {
-    /// The least.
-    pub from_value: f64,
-    /// The most.
-    pub to_value: f64,
-    /// Steps between; 0 for all in between.
-    pub step: f64,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for FloatingPointRange {
-    fn default() -> Self {
-        Self {
-            from_value: Default::default(),
-            to_value: Default::default(),
-            step: Default::default(),
-        }
+luna_ros2::message! {
+    /// What a number may be.
+    #[derive(Copy, Default)]
+    pub struct FloatingPointRange: "rcl_interfaces/msg/FloatingPointRange" {
+        /// The least.
+        pub from_value: f64,
+        /// The most.
+        pub to_value: f64,
+        /// Steps between; 0 for all in between.
+        pub step: f64,
     }
 }
 
-impl luna_ros2::Message for FloatingPointRange {
-    const TYPE: &'static str = "rcl_interfaces/msg/FloatingPointRange";
-}
-
-/// What a whole number may be.
-#[derive(
-    Debug, Clone, Copy, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize,
-)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct IntegerRange {
-    /// The least.
-    pub from_value: i64,
-    /// The most.
-    pub to_value: i64,
-    /// Steps between; 0 for all in between.
-    pub step: u64,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for IntegerRange {
-    fn default() -> Self {
-        Self {
-            from_value: Default::default(),
-            to_value: Default::default(),
-            step: Default::default(),
-        }
+luna_ros2::message! {
+    /// What a whole number may be.
+    #[derive(Copy, Default)]
+    pub struct IntegerRange: "rcl_interfaces/msg/IntegerRange" {
+        /// The least.
+        pub from_value: i64,
+        /// The most.
+        pub to_value: i64,
+        /// Steps between; 0 for all in between.
+        pub step: u64,
     }
 }
 
-impl luna_ros2::Message for IntegerRange {
-    const TYPE: &'static str = "rcl_interfaces/msg/IntegerRange";
-}
-
-/// Names of parameters.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct ListParametersResult {
-    /// The names.
-    pub names: Vec<std::string::String>,
-    /// The prefixes that they have.
-    pub prefixes: Vec<std::string::String>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for ListParametersResult {
-    fn default() -> Self {
-        Self {
-            names: Default::default(),
-            prefixes: Default::default(),
-        }
+luna_ros2::message! {
+    /// Names of parameters.
+    #[derive(Default)]
+    pub struct ListParametersResult: "rcl_interfaces/msg/ListParametersResult" {
+        /// The names.
+        pub names: Vec<std::string::String>,
+        /// The prefixes that they have.
+        pub prefixes: Vec<std::string::String>,
     }
 }
 
-impl luna_ros2::Message for ListParametersResult {
-    const TYPE: &'static str = "rcl_interfaces/msg/ListParametersResult";
-}
-
-/// A parameter.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct Parameter {
-    /// Its name.
-    pub name: std::string::String,
-    /// Its value.
-    pub value: ParameterValue,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for Parameter {
-    fn default() -> Self {
-        Self {
-            name: Default::default(),
-            value: Default::default(),
-        }
+luna_ros2::message! {
+    /// A parameter.
+    #[derive(Default)]
+    pub struct Parameter: "rcl_interfaces/msg/Parameter" {
+        /// Its name.
+        pub name: std::string::String,
+        /// Its value.
+        pub value: ParameterValue,
     }
 }
 
-impl luna_ros2::Message for Parameter {
-    const TYPE: &'static str = "rcl_interfaces/msg/Parameter";
-}
-
-/// What is known of a parameter.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct ParameterDescriptor {
-    /// Its name.
-    pub name: std::string::String,
-    /// Its type: see the constants of `ParameterValue`.
-    pub r#type: u8,
-    /// What it is.
-    pub description: std::string::String,
-    /// What else it has to fulfil.
-    pub additional_constraints: std::string::String,
-    /// Whether it cannot be set.
-    pub read_only: bool,
-    /// Whether its type may change.
-    pub dynamic_typing: bool,
-    /// Its range, if it is a number and has one.
-    pub floating_point_range: luna_ros2::arrayvec::ArrayVec<FloatingPointRange, 1>,
-    /// Its range, if it is a whole number and has one.
-    pub integer_range: luna_ros2::arrayvec::ArrayVec<IntegerRange, 1>,
+luna_ros2::message! {
+    /// What is known of a parameter.
+    pub struct ParameterDescriptor: "rcl_interfaces/msg/ParameterDescriptor" {
+        /// Its name.
+        pub name: std::string::String,
+        /// Its type: see the constants of `ParameterValue`.
+        pub r#type: u8,
+        /// What it is.
+        pub description: std::string::String,
+        /// What else it has to fulfil.
+        pub additional_constraints: std::string::String,
+        /// Whether it cannot be set.
+        pub read_only: bool,
+        /// Whether its type may change.
+        pub dynamic_typing: bool,
+        /// Its range, if it is a number and has one.
+        pub floating_point_range: luna_ros2::arrayvec::ArrayVec<FloatingPointRange, 1>,
+        /// Its range, if it is a whole number and has one.
+        pub integer_range: luna_ros2::arrayvec::ArrayVec<IntegerRange, 1>,
+    }
 }
 
 #[allow(clippy::derivable_impls, reason = "generated")]
@@ -144,34 +86,31 @@ impl Default for ParameterDescriptor {
     }
 }
 
-impl luna_ros2::Message for ParameterDescriptor {
-    const TYPE: &'static str = "rcl_interfaces/msg/ParameterDescriptor";
-}
-
-/// A parameter's value: the member that the type says.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct ParameterValue {
-    /// Which member it is: see the constants.
-    pub r#type: u8,
-    /// If it is a bool.
-    pub bool_value: bool,
-    /// If it is a whole number.
-    pub integer_value: i64,
-    /// If it is a number.
-    pub double_value: f64,
-    /// If it is text.
-    pub string_value: std::string::String,
-    /// If it is bytes.
-    pub byte_array_value: Vec<u8>,
-    /// If it is a list of bools.
-    pub bool_array_value: Vec<bool>,
-    /// If it is a list of whole numbers.
-    pub integer_array_value: Vec<i64>,
-    /// If it is a list of numbers.
-    pub double_array_value: Vec<f64>,
-    /// If it is a list of texts.
-    pub string_array_value: Vec<std::string::String>,
+luna_ros2::message! {
+    /// A parameter's value: the member that the type says.
+    #[derive(Default)]
+    pub struct ParameterValue: "rcl_interfaces/msg/ParameterValue" {
+        /// Which member it is: see the constants.
+        pub r#type: u8,
+        /// If it is a bool.
+        pub bool_value: bool,
+        /// If it is a whole number.
+        pub integer_value: i64,
+        /// If it is a number.
+        pub double_value: f64,
+        /// If it is text.
+        pub string_value: std::string::String,
+        /// If it is bytes.
+        pub byte_array_value: Vec<u8>,
+        /// If it is a list of bools.
+        pub bool_array_value: Vec<bool>,
+        /// If it is a list of whole numbers.
+        pub integer_array_value: Vec<i64>,
+        /// If it is a list of numbers.
+        pub double_array_value: Vec<f64>,
+        /// If it is a list of texts.
+        pub string_array_value: Vec<std::string::String>,
+    }
 }
 
 impl ParameterValue {
@@ -197,83 +136,32 @@ impl ParameterValue {
     pub const STRING_ARRAY: u8 = 9;
 }
 
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for ParameterValue {
-    fn default() -> Self {
-        Self {
-            r#type: Default::default(),
-            bool_value: Default::default(),
-            integer_value: Default::default(),
-            double_value: Default::default(),
-            string_value: Default::default(),
-            byte_array_value: Default::default(),
-            bool_array_value: Default::default(),
-            integer_array_value: Default::default(),
-            double_array_value: Default::default(),
-            string_array_value: Default::default(),
-        }
+luna_ros2::message! {
+    /// What became of a set.
+    #[derive(Default)]
+    pub struct SetParametersResult: "rcl_interfaces/msg/SetParametersResult" {
+        /// Whether it was taken.
+        pub successful: bool,
+        /// Why not.
+        pub reason: std::string::String,
     }
 }
 
-impl luna_ros2::Message for ParameterValue {
-    const TYPE: &'static str = "rcl_interfaces/msg/ParameterValue";
-}
-
-/// What became of a set.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct SetParametersResult {
-    /// Whether it was taken.
-    pub successful: bool,
-    /// Why not.
-    pub reason: std::string::String,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for SetParametersResult {
-    fn default() -> Self {
-        Self {
-            successful: Default::default(),
-            reason: Default::default(),
-        }
+luna_ros2::message! {
+    /// A request of `rcl_interfaces/DescribeParameters`.
+    #[derive(Default)]
+    pub struct DescribeParametersRequest {
+        /// Whose descriptions.
+        pub names: Vec<std::string::String>,
     }
 }
 
-impl luna_ros2::Message for SetParametersResult {
-    const TYPE: &'static str = "rcl_interfaces/msg/SetParametersResult";
-}
-
-/// A request of `rcl_interfaces/DescribeParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct DescribeParametersRequest {
-    /// Whose descriptions.
-    pub names: Vec<std::string::String>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for DescribeParametersRequest {
-    fn default() -> Self {
-        Self {
-            names: Default::default(),
-        }
-    }
-}
-
-/// A reply of `rcl_interfaces/DescribeParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct DescribeParametersReply {
-    /// As many, in the same order.
-    pub descriptors: Vec<ParameterDescriptor>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for DescribeParametersReply {
-    fn default() -> Self {
-        Self {
-            descriptors: Default::default(),
-        }
+luna_ros2::message! {
+    /// A reply of `rcl_interfaces/DescribeParameters`.
+    #[derive(Default)]
+    pub struct DescribeParametersReply {
+        /// As many, in the same order.
+        pub descriptors: Vec<ParameterDescriptor>,
     }
 }
 
@@ -287,37 +175,21 @@ impl luna_ros2::Service for DescribeParameters {
     const TYPE: &'static str = "rcl_interfaces/srv/DescribeParameters";
 }
 
-/// A request of `rcl_interfaces/GetParameterTypes`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct GetParameterTypesRequest {
-    /// Whose types.
-    pub names: Vec<std::string::String>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for GetParameterTypesRequest {
-    fn default() -> Self {
-        Self {
-            names: Default::default(),
-        }
+luna_ros2::message! {
+    /// A request of `rcl_interfaces/GetParameterTypes`.
+    #[derive(Default)]
+    pub struct GetParameterTypesRequest {
+        /// Whose types.
+        pub names: Vec<std::string::String>,
     }
 }
 
-/// A reply of `rcl_interfaces/GetParameterTypes`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct GetParameterTypesReply {
-    /// As many, in the same order: see the constants of `ParameterValue`.
-    pub types: Vec<u8>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for GetParameterTypesReply {
-    fn default() -> Self {
-        Self {
-            types: Default::default(),
-        }
+luna_ros2::message! {
+    /// A reply of `rcl_interfaces/GetParameterTypes`.
+    #[derive(Default)]
+    pub struct GetParameterTypesReply {
+        /// As many, in the same order: see the constants of `ParameterValue`.
+        pub types: Vec<u8>,
     }
 }
 
@@ -331,37 +203,21 @@ impl luna_ros2::Service for GetParameterTypes {
     const TYPE: &'static str = "rcl_interfaces/srv/GetParameterTypes";
 }
 
-/// A request of `rcl_interfaces/GetParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct GetParametersRequest {
-    /// Whose values.
-    pub names: Vec<std::string::String>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for GetParametersRequest {
-    fn default() -> Self {
-        Self {
-            names: Default::default(),
-        }
+luna_ros2::message! {
+    /// A request of `rcl_interfaces/GetParameters`.
+    #[derive(Default)]
+    pub struct GetParametersRequest {
+        /// Whose values.
+        pub names: Vec<std::string::String>,
     }
 }
 
-/// A reply of `rcl_interfaces/GetParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct GetParametersReply {
-    /// As many, in the same order.
-    pub values: Vec<ParameterValue>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for GetParametersReply {
-    fn default() -> Self {
-        Self {
-            values: Default::default(),
-        }
+luna_ros2::message! {
+    /// A reply of `rcl_interfaces/GetParameters`.
+    #[derive(Default)]
+    pub struct GetParametersReply {
+        /// As many, in the same order.
+        pub values: Vec<ParameterValue>,
     }
 }
 
@@ -375,14 +231,15 @@ impl luna_ros2::Service for GetParameters {
     const TYPE: &'static str = "rcl_interfaces/srv/GetParameters";
 }
 
-/// A request of `rcl_interfaces/ListParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct ListParametersRequest {
-    /// Whose prefixes; of all if there are none.
-    pub prefixes: Vec<std::string::String>,
-    /// How many parts a name may have below its prefix; 0 for any.
-    pub depth: u64,
+luna_ros2::message! {
+    /// A request of `rcl_interfaces/ListParameters`.
+    #[derive(Default)]
+    pub struct ListParametersRequest {
+        /// Whose prefixes; of all if there are none.
+        pub prefixes: Vec<std::string::String>,
+        /// How many parts a name may have below its prefix; 0 for any.
+        pub depth: u64,
+    }
 }
 
 impl ListParametersRequest {
@@ -390,30 +247,12 @@ impl ListParametersRequest {
     pub const DEPTH_RECURSIVE: u64 = 0;
 }
 
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for ListParametersRequest {
-    fn default() -> Self {
-        Self {
-            prefixes: Default::default(),
-            depth: Default::default(),
-        }
-    }
-}
-
-/// A reply of `rcl_interfaces/ListParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct ListParametersReply {
-    /// What was found.
-    pub result: ListParametersResult,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for ListParametersReply {
-    fn default() -> Self {
-        Self {
-            result: Default::default(),
-        }
+luna_ros2::message! {
+    /// A reply of `rcl_interfaces/ListParameters`.
+    #[derive(Default)]
+    pub struct ListParametersReply {
+        /// What was found.
+        pub result: ListParametersResult,
     }
 }
 
@@ -427,37 +266,21 @@ impl luna_ros2::Service for ListParameters {
     const TYPE: &'static str = "rcl_interfaces/srv/ListParameters";
 }
 
-/// A request of `rcl_interfaces/SetParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct SetParametersRequest {
-    /// Names and values.
-    pub parameters: Vec<Parameter>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for SetParametersRequest {
-    fn default() -> Self {
-        Self {
-            parameters: Default::default(),
-        }
+luna_ros2::message! {
+    /// A request of `rcl_interfaces/SetParameters`.
+    #[derive(Default)]
+    pub struct SetParametersRequest {
+        /// Names and values.
+        pub parameters: Vec<Parameter>,
     }
 }
 
-/// A reply of `rcl_interfaces/SetParameters`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct SetParametersReply {
-    /// As many, in the same order.
-    pub results: Vec<SetParametersResult>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for SetParametersReply {
-    fn default() -> Self {
-        Self {
-            results: Default::default(),
-        }
+luna_ros2::message! {
+    /// A reply of `rcl_interfaces/SetParameters`.
+    #[derive(Default)]
+    pub struct SetParametersReply {
+        /// As many, in the same order.
+        pub results: Vec<SetParametersResult>,
     }
 }
 
@@ -471,37 +294,21 @@ impl luna_ros2::Service for SetParameters {
     const TYPE: &'static str = "rcl_interfaces/srv/SetParameters";
 }
 
-/// A request of `rcl_interfaces/SetParametersAtomically`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct SetParametersAtomicallyRequest {
-    /// Names and values.
-    pub parameters: Vec<Parameter>,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for SetParametersAtomicallyRequest {
-    fn default() -> Self {
-        Self {
-            parameters: Default::default(),
-        }
+luna_ros2::message! {
+    /// A request of `rcl_interfaces/SetParametersAtomically`.
+    #[derive(Default)]
+    pub struct SetParametersAtomicallyRequest {
+        /// Names and values.
+        pub parameters: Vec<Parameter>,
     }
 }
 
-/// A reply of `rcl_interfaces/SetParametersAtomically`.
-#[derive(Debug, Clone, PartialEq, luna_ros2::serde::Serialize, luna_ros2::serde::Deserialize)]
-#[serde(crate = "luna_ros2::serde")]
-pub struct SetParametersAtomicallyReply {
-    /// Of all together.
-    pub result: SetParametersResult,
-}
-
-#[allow(clippy::derivable_impls, reason = "generated")]
-impl Default for SetParametersAtomicallyReply {
-    fn default() -> Self {
-        Self {
-            result: Default::default(),
-        }
+luna_ros2::message! {
+    /// A reply of `rcl_interfaces/SetParametersAtomically`.
+    #[derive(Default)]
+    pub struct SetParametersAtomicallyReply {
+        /// Of all together.
+        pub result: SetParametersResult,
     }
 }
 
