@@ -65,7 +65,7 @@ fn hosts_that_are_killed_lose_no_block() {
     }
     let is_root = std::fs::metadata("/proc/self").is_ok_and(|about| about.uid() == 0);
     let has_namespaces = is_root
-        && Command::new("ip")
+        && std::process::Command::new("ip")
             .args(["netns", "list"])
             .output()
             .is_ok_and(|output| output.status.success());
