@@ -244,3 +244,32 @@ fn the_composition_shows_the_one_that_holds_a_mutex() {
     });
     system.run().unwrap();
 }
+
+/// After the first rounds the lock inside the mutex is biased to the executor, and a free mutex is
+/// locked on the fast path.
+#[test]
+fn a_mutex_that_is_held_across_a_yield_is_locked_by_no_other_process() {
+    let _watch = watchdog();
+    let mut system = System::new("yield");
+    let executor = system.executor("main").build().unwrap();
+    let held_by = Mutex::new(0);
+    for number in [1, 2] {
+        let held_by = held_by.clone();
+        let process = executor.process(format!("holder {number}"));
+        process.spawn_ok(async move {
+            for round in 0..200 {
+                let mut holder = held_by.lock().await?;
+                *holder = number;
+                yield_now().await;
+                assert_eq!(*holder, number, "round {round}");
+                drop(holder);
+                // So that the other one finds it free at times, and held at others.
+                for _ in 0..round % 4 {
+                    yield_now().await;
+                }
+            }
+            Ok(())
+        });
+    }
+    system.run().unwrap();
+}
