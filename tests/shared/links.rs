@@ -1,4 +1,4 @@
-//! Shared by the test programs of the crates whose links carry channels to another program.
+//! Common to the tests of crates whose links carry channels to another program.
 
 use luna::{Policy, System};
 use std::thread::JoinHandle;

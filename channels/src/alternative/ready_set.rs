@@ -13,8 +13,8 @@ use core::cmp::Reverse;
 #[derive(Debug)]
 pub(super) struct ReadySet {
     /// A ready member that is not in the heap, if there is one: the only one, unless others have
-    /// become ready since the last [`first`](Self::first). Most sets have one ready member, of which
-    /// the rank does not matter.
+    /// become ready since the last [`first`](Self::first). Most sets have one ready member, of
+    /// which the rank does not matter.
     lone: Option<usize>,
     /// The other ready members, each once, with a rank that it has or has had.
     ready: BinaryHeap<Reverse<(u64, usize)>>,

@@ -1,12 +1,11 @@
 //! A barrier among processes of one executor: arriving and releasing without atomics.
 //!
-//! It gives the same results as [`SyncOp::look`](super::SyncOp::look) and
-//! [`Meeting::release`], without branches for what is not there: the lock is biased to the
-//! executor, the turn is a plain one, and no alternative offers the barrier. So no waker is cloned
-//! or called, and no user code runs. A party is woken under the lock, by stores to this thread's run
-//! queue. If one of these conditions does not hold as a party comes, no state has changed, and the
-//! party takes the slow path. If one ceases to hold between two sections of a release, the slow path
-//! releases the rest.
+//! It gives the same results as [`SyncOp::look`](super::SyncOp::look) and [`Meeting::release`],
+//! without branches for what is not there: the lock is biased to the executor, the turn is a plain
+//! one, and no alternative offers the barrier. So no waker is cloned or called, and no user code
+//! runs. A party is woken under the lock, by stores to this thread's run queue. If one of these
+//! conditions does not hold as a party comes, no state has changed, and the party takes the slow
+//! path. If one ceases to hold between two sections of a release, the slow path releases the rest.
 //!
 //! A node that was listed here is marked so ([`Waiter::begin_plain`]). A party that finds it here
 //! knows that its process belongs to this very executor: only the executor that owns the bias comes

@@ -1,11 +1,11 @@
 //! The priority executor: one OS thread that runs many processes.
 //!
-//! Before each turn it reads one word ([`inbound`](crate::inbound)). If a bit is set there, it looks, in
-//! this order, at its files (if any was ever waited for, once in 64 rounds), at processes to start
-//! and the request to stop, at the processes that other threads have woken, and at its deadlines
-//! ([`deadlines`](crate::deadlines)). Then it polls the first process of the highest level of its
-//! run queue. A process that yields is exchanged with the next one: a round is a chain of such
-//! turns. With nothing to do it sleeps until the next deadline.
+//! Before each turn it reads one word ([`inbound`](crate::inbound)). If a bit is set there, it
+//! looks, in this order, at its files (if any was ever waited for, once in 64 rounds), at processes
+//! to start and the request to stop, at the processes that other threads have woken, and at its
+//! deadlines ([`deadlines`](crate::deadlines)). Then it polls the first process of the highest
+//! level of its run queue. A process that yields is exchanged with the next one: a round is a chain
+//! of such turns. With nothing to do it sleeps until the next deadline.
 
 mod announced;
 #[cfg(not(feature = "std"))]

@@ -10,8 +10,8 @@
 //! ```
 //!
 //! On the executor's own thread a wake is a flag and a push, without atomics. A process that wakes
-//! itself is pushed when its turn is over, but in a branch at once. From another thread a wake is a fixed number of
-//! instructions, none of which relies on another waker to continue
+//! itself is pushed when its turn is over, but in a branch at once. From another thread a wake is a
+//! fixed number of instructions, none of which relies on another waker to continue
 //! ([`remote_wakes`](crate::remote_wakes)). A waker that is preempted half-way blocks no other
 //! thread.
 //!

@@ -84,8 +84,8 @@ macro_rules! par {
 /// and a wake of it queues the parent at its level (at the level of the most urgent branch, if
 /// several are ready). A branch above it that lets others run ([`yield_now`](crate::yield_now), a
 /// wake of itself) comes again before it. Within a nested construct levels fall on from the
-/// branch's. In [`run`](crate::run) there are no levels, and only the order of the branches remains:
-/// it is the one in which those that can go on do so.
+/// branch's. In [`run`](crate::run) there are no levels, and only the order of the branches
+/// remains: it is the one in which those that can go on do so.
 ///
 /// A wake from another thread readies the parent at its own level, since it comes through its
 /// waker; what is less urgent than other ready processes then gives way before it runs. A branch of
