@@ -11,6 +11,7 @@ use luna_executors::{
     has_given_up, yield_now,
 };
 use luna_platform::clock::Instant;
+use luna_platform::lock::PiLock;
 use luna_platform::thread::Attributes;
 use std::future::{Future, pending, poll_fn};
 use std::rc::Rc;
@@ -252,13 +253,13 @@ fn a_process_that_cancels_itself() {
     let _watchdog = watchdog();
     let executor = executor();
     for completes in [true, false] {
-        let itself = Arc::new(std::sync::Mutex::new(None::<ProcessHandle>));
+        let itself = Arc::new(PiLock::new(None::<ProcessHandle>));
         let own = itself.clone();
         // Held, since the executor may run already.
-        let mut place = itself.lock().unwrap();
+        let mut place = itself.lock();
         let process = executor.spawn(ProcessSpec::new("itself"), move || {
             poll_fn(move |_| {
-                own.lock().unwrap().as_ref().unwrap().cancel();
+                own.lock().as_ref().unwrap().cancel();
                 if completes {
                     Poll::Ready(())
                 } else {

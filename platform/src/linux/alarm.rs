@@ -1,6 +1,7 @@
 //! A POSIX timer of one thread, with a handler of its signal that sets a bit.
 
 use super::clock::timespec;
+use super::lock::PiLock;
 use super::signals::{action_of, action_of_handler, exchange_action};
 use crate::clock::Instant;
 use crate::path::{self, Call};
@@ -12,8 +13,8 @@ use std::cell::Cell;
 use std::marker::PhantomData;
 use std::mem::MaybeUninit;
 use std::ptr;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 
 /// What the handler sets.
 #[derive(Debug)]
@@ -244,9 +245,9 @@ fn unblock(number: c_int) -> libc::sigset_t {
 /// The signal of all alarms, with the handler. Nothing if all real-time signals have handlers of
 /// others. The handlers of signals that end a program are set after it, so that they leave it one.
 pub(super) fn signal_number() -> Option<c_int> {
-    static CHOSEN: Mutex<Option<c_int>> = Mutex::new(None);
+    static CHOSEN: PiLock<Option<c_int>> = PiLock::new(None);
     let own = action_of_handler(ring);
-    let mut chosen = CHOSEN.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut chosen = CHOSEN.lock();
     // Another part of the program may have taken it since.
     if let Some(number) = *chosen
         && action_of(number)?.sa_sigaction == own.sa_sigaction
