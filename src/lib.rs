@@ -56,9 +56,6 @@
 //! are those of `luna-logger`; the hub and the recorder in their examples are what a [`System`]
 //! makes.
 
-#[macro_use]
-mod debug;
-
 pub mod alternative;
 pub mod channel;
 mod csp;

@@ -4,7 +4,6 @@ use crate::in_place::InPlace;
 use crate::replay::{self, Logged, Stage};
 use crate::wait_point::{Ending, WaitPoint, WaitQueues};
 use core::cell::UnsafeCell;
-use core::fmt;
 use core::future::Future;
 use core::marker::PhantomPinned;
 use core::pin::Pin;
@@ -250,8 +249,4 @@ impl Drop for Ended<'_> {
     }
 }
 
-impl fmt::Debug for Ended<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Ended").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Ended<'_>);

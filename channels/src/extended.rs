@@ -215,8 +215,4 @@ impl<T> Drop for Held<'_, T> {
     }
 }
 
-impl<T> fmt::Debug for Held<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Held").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[T] Held<'_, T>);

@@ -2,7 +2,6 @@
 
 use crate::operation::RecvOp;
 use crate::receiver::Receiver;
-use core::fmt;
 use core::future::Future;
 use core::pin::Pin;
 use core::task::{Context, Poll};
@@ -50,10 +49,4 @@ impl<T> Stream for Incoming<'_, T> {
     }
 }
 
-impl<T> fmt::Debug for Incoming<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Incoming")
-            .field("receiver", self.receiver)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[T] Incoming<'_, T>, |incoming| receiver: incoming.receiver);

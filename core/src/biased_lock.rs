@@ -45,7 +45,6 @@ mod guards;
 pub use guards::{BiasedGuard, InsideGuard, Refused};
 
 use crate::current::{self, PlainTurn};
-use core::fmt;
 use core::marker::PhantomData;
 use guards::Held;
 use luna_platform::fence;
@@ -457,13 +456,7 @@ impl<T> BiasedLock<T> {
     }
 }
 
-impl<T> fmt::Debug for BiasedLock<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("BiasedLock")
-            .field("is_biased", &self.is_biased())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[T] BiasedLock<T>, |lock| is_biased: lock.is_biased());
 
 #[cfg(test)]
 mod tests;

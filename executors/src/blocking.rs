@@ -15,7 +15,6 @@ use luna_platform::thread::{self, Attributes};
 use std::any::Any;
 use std::collections::LinkedList;
 use std::convert::Infallible;
-use std::fmt;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::pin::Pin;
@@ -263,10 +262,7 @@ impl<F, T> Drop for Blocking<F, T> {
     }
 }
 
-impl<F, T> fmt::Debug for Blocking<F, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Blocking")
-            .field("started", &self.running.is_some())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[F, T] Blocking<F, T>, |blocking|
+    started: blocking.running.is_some()
+);

@@ -1,28 +1,35 @@
 //! `Debug` of types that show a part of their fields.
 
-/// Implements `Debug` for a type that shows these values, each by its name.
+/// Implements `Debug` for a type that shows these values, each by its name. A type with generics
+/// lists them in `impl[…]`, as they stand behind `impl`.
 ///
 /// ```
-/// struct Door {
+/// struct Door<F> {
 ///     width: u32,
-///     on_open: fn(),
+///     on_open: F,
 /// }
 ///
-/// luna_platform::debug_fields!(Door, |door| width: door.width);
+/// luna_platform::debug_fields!(impl[F: Fn()] Door<F>, |door| width: door.width);
 /// let door = Door { width: 90, on_open: || () };
 /// assert_eq!(format!("{door:?}"), "Door { width: 90, .. }");
 /// # (door.on_open)();
 /// ```
 #[macro_export]
 macro_rules! debug_fields {
-    ($type:ident $(<$lifetime:lifetime>)?, |$this:ident| $($name:ident: $value:expr),+) => {
-        impl ::core::fmt::Debug for $type $(<$lifetime>)? {
+    (
+        impl[$($generics:tt)*] $type:ident $(<$($argument:tt),+>)?
+        $(, |$this:ident| $($name:ident: $value:expr),+)?
+    ) => {
+        impl<$($generics)*> ::core::fmt::Debug for $type $(<$($argument),+>)? {
             fn fmt(&self, f: &mut ::core::fmt::Formatter<'_>) -> ::core::fmt::Result {
-                let $this = self;
+                $(let $this = self;)?
                 f.debug_struct(::core::stringify!($type))
-                    $(.field(::core::stringify!($name), &$value))+
+                    $($(.field(::core::stringify!($name), &$value))+)?
                     .finish_non_exhaustive()
             }
         }
+    };
+    ($type:ident $($rest:tt)*) => {
+        $crate::debug_fields!(impl[] $type $($rest)*);
     };
 }

@@ -218,7 +218,7 @@ impl<F: Future> Future for Named<F> {
     }
 }
 
-debug_parts!(Named<F> as named: name = named.name());
+luna_platform::debug_fields!(impl[F] Named<F>, |named| name: named.name());
 
 #[cfg(test)]
 mod tests;

@@ -195,7 +195,7 @@ impl<B: Build> Prepared<B> {
     }
 }
 
-debug_parts!(Prepared<B>);
+luna_platform::debug_fields!(impl[B] Prepared<B>);
 
 /// The phases around the body.
 pub(crate) trait Phases: Send {

@@ -318,8 +318,8 @@ impl<D: Send + Sync + 'static> Drop for Device<D> {
     }
 }
 
-debug_parts!(
-    Device<D> where [D: Send + Sync + 'static] as device:
-    name = device.name(),
-    kind = device.kind()
+luna_platform::debug_fields!(
+    impl[D: Send + Sync + 'static] Device<D>, |device|
+    name: device.name(),
+    kind: device.kind()
 );

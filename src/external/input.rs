@@ -210,4 +210,8 @@ async fn pump<T: FromBytes + Send>(
     }
 }
 
-debug_parts!(Input<T> as input: device = input.device, framing = input.framing);
+luna_platform::debug_fields!(
+    impl[T] Input<T>, |input|
+    device: input.device,
+    framing: input.framing
+);

@@ -123,4 +123,8 @@ async fn pump<T: ToBytes + Send>(
     }
 }
 
-debug_parts!(Output<T> as output: device = output.device, framing = output.framing);
+luna_platform::debug_fields!(
+    impl[T] Output<T>, |output|
+    device: output.device,
+    framing: output.framing
+);

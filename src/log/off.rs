@@ -11,7 +11,7 @@ use std::marker::PhantomData;
 #[derive(Clone)]
 pub struct Signal<T>(PhantomData<fn(T)>);
 
-debug_parts!(Signal<T>);
+luna_platform::debug_fields!(impl[T] Signal<T>);
 
 impl<T: Sample> Signal<T> {
     /// Registers nothing, where a build with the logger registers a signal.

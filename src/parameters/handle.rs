@@ -115,7 +115,7 @@ impl Parameters {
     }
 }
 
-debug_parts!(Parameters);
+luna_platform::debug_fields!(Parameters);
 
 /// A parameter, as [listed](Parameters::list).
 #[derive(Debug, Clone, PartialEq)]

@@ -8,7 +8,6 @@ use super::types::{Number, Tunable};
 use super::value::Value;
 use crate::system::Plan;
 use luna_core::current::ProcessId;
-use std::fmt;
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -88,7 +87,7 @@ impl<T> Clone for Parameter<T> {
     }
 }
 
-debug_parts!(Parameter<T> as parameter: name = parameter.cells.name());
+luna_platform::debug_fields!(impl[T] Parameter<T>, |parameter| name: parameter.cells.name());
 
 /// A parameter to be: see
 /// [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter).
@@ -206,13 +205,10 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
     }
 }
 
-impl<T> fmt::Debug for ParameterBuilder<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ParameterBuilder")
-            .field("name", &self.declared.name)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[T] ParameterBuilder<'_, T>, |builder|
+    name: builder.declared.name
+);
 
 fn is_range(least: &Value, most: &Value) -> bool {
     match (least, most) {

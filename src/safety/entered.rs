@@ -184,7 +184,7 @@ impl Drop for SafeStateEntered {
     }
 }
 
-debug_parts!(SafeStateEntered);
+luna_platform::debug_fields!(SafeStateEntered);
 
 #[cfg(test)]
 mod tests;

@@ -262,7 +262,7 @@ impl Safety {
     }
 }
 
-debug_parts!(Safety as safety: degree = safety.degree());
+luna_platform::debug_fields!(Safety, |safety| degree: safety.degree());
 
 /// A function that a driver has registered by its [handle](Safety). Dropping this changes nothing.
 pub struct SafetyFunction {
@@ -278,4 +278,4 @@ impl SafetyFunction {
     }
 }
 
-debug_parts!(SafetyFunction as function: id = function.id);
+luna_platform::debug_fields!(SafetyFunction, |function| id: function.id);

@@ -574,7 +574,7 @@ impl ProcessBuilder {
     }
 }
 
-debug_parts!(ExecutorBuilder as builder: name = builder.attributes.name());
-debug_parts!(Thread as thread: name = thread.attributes.name());
-debug_parts!(ProcessBuilder as builder: name = builder.spec.name());
-debug_parts!(Executor as executor: number = executor.number);
+luna_platform::debug_fields!(ExecutorBuilder, |builder| name: builder.attributes.name());
+luna_platform::debug_fields!(Thread, |thread| name: thread.attributes.name());
+luna_platform::debug_fields!(ProcessBuilder, |builder| name: builder.spec.name());
+luna_platform::debug_fields!(Executor, |executor| number: executor.number);

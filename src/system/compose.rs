@@ -73,7 +73,7 @@ impl Observer {
     }
 }
 
-debug_parts!(Observer as observer: system = observer.plan.name());
+luna_platform::debug_fields!(Observer, |observer| system: observer.plan.name());
 
 fn part(name: &str, id: ProcessId, state: ProcessState, priority: u8) -> ProcessPart {
     ProcessPart {

@@ -518,4 +518,4 @@ impl Drop for System {
     }
 }
 
-debug_parts!(System as system: name = system.plan.name());
+luna_platform::debug_fields!(System, |system| name: system.plan.name());

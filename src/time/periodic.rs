@@ -224,9 +224,9 @@ impl Drop for Periodic {
     }
 }
 
-debug_parts!(
-    Periodic as periodic:
-        name = periodic.name(),
-        period = periodic.period(),
-        number = periodic.number
+luna_platform::debug_fields!(
+    Periodic, |periodic|
+    name: periodic.name(),
+    period: periodic.period(),
+    number: periodic.number
 );

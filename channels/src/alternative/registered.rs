@@ -35,7 +35,6 @@ use crate::receiver::Receiver;
 use crate::replay;
 use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
-use core::fmt;
 use core::marker::PhantomData;
 use core::ptr::{self, NonNull};
 use core::task::{Context, Poll, RawWakerVTable};
@@ -478,11 +477,8 @@ impl<T> Drop for Alternative<'_, T> {
     }
 }
 
-impl<T> fmt::Debug for Alternative<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Alternative")
-            .field("channels", &self.len())
-            .field("is_fair", &self.is_fair)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[T] Alternative<'_, T>, |alternative|
+    channels: alternative.len(),
+    is_fair: alternative.is_fair
+);

@@ -4,7 +4,6 @@ use super::guard::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::replay;
 use crate::stamp::Stamp;
 use crate::wait_point::WaitQueues;
-use core::fmt;
 use core::future::Future;
 use core::panic::Location;
 use core::pin::Pin;
@@ -166,8 +165,4 @@ impl<D: Due> Guard for When<D> {
     }
 }
 
-impl<D> fmt::Debug for When<D> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("When").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[D] When<D>);

@@ -30,7 +30,6 @@ use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
-use core::fmt;
 use luna_core::current::{self, User};
 use luna_core::deferred_free::Shared;
 
@@ -200,13 +199,7 @@ impl Clone for Barrier {
     }
 }
 
-impl fmt::Debug for Barrier {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Barrier")
-            .field("shared", &&raw const *self.meeting)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Barrier, |barrier| shared: &raw const *barrier.meeting);
 
 impl Meeting {
     /// Remembers that a party is unknown to every system: from outside, or a thread of its own.

@@ -8,7 +8,6 @@ use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter};
 use core::cell::UnsafeCell;
-use core::fmt;
 use core::future::Future;
 use core::marker::PhantomPinned;
 use core::pin::Pin;
@@ -406,10 +405,4 @@ impl Drop for SyncOp<'_> {
     }
 }
 
-impl fmt::Debug for SyncOp<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("SyncOp")
-            .field("phase", &self.phase)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(SyncOp<'_>, |op| phase: op.phase);

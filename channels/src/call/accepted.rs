@@ -157,11 +157,8 @@ impl<Q, A> Drop for Reply<'_, Q, A> {
     }
 }
 
-impl<Q, A> fmt::Debug for Reply<'_, Q, A> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Reply")
-            .field("ticket", &self.ticket)
-            .field("inheritor", &self.inheritor)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[Q, A] Reply<'_, Q, A>, |reply|
+    ticket: reply.ticket,
+    inheritor: reply.inheritor
+);

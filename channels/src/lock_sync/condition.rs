@@ -8,7 +8,6 @@ use crate::finally::Finally;
 use crate::guarded_wait_point::GuardedWaitPoint;
 use crate::inspect::WaitPointKind;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
-use core::fmt;
 use core::ptr::NonNull;
 use core::time::Duration;
 use luna_core::biased_lock::BiasedGuard;
@@ -308,10 +307,4 @@ unsafe fn move_on(
     drop(core);
 }
 
-impl fmt::Debug for Condvar {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Condvar")
-            .field("shared", &&raw const *self.shared)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Condvar, |condvar| shared: &raw const *condvar.shared);

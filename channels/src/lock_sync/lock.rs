@@ -5,7 +5,6 @@ use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use super::take::Take;
 use crate::replay;
-use core::fmt;
 use core::future::Future;
 use core::pin::Pin;
 use core::task::{Context, Poll};
@@ -47,13 +46,7 @@ impl<'a, T> Future for LockOp<'a, T> {
     }
 }
 
-impl<T> fmt::Debug for LockOp<'_, T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("LockOp")
-            .field("phase", &self.take)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[T] LockOp<'_, T>, |op| phase: op.take);
 
 pin_project! {
     /// Locking a mutex until a deadline: see [`Mutex::lock_timeout`].

@@ -6,7 +6,6 @@ use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
 use super::take::Take;
 use crate::inspect::WaitPointKind;
-use core::fmt;
 use core::mem::ManuallyDrop;
 use core::time::Duration;
 use luna_core::deferred_free::Shared;
@@ -314,10 +313,4 @@ impl<T: Send + Default> Default for Mutex<T> {
     }
 }
 
-impl<T> fmt::Debug for Mutex<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Mutex")
-            .field("shared", &&raw const *self.core)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[T] Mutex<T>, |mutex| shared: &raw const *mutex.core);

@@ -7,7 +7,6 @@ use super::permit::SemaphorePermit;
 use super::take::Take;
 use crate::inspect::WaitPointKind;
 use crate::replay;
-use core::fmt;
 use core::time::Duration;
 use luna_core::current;
 use luna_core::deferred_free::Shared;
@@ -213,10 +212,4 @@ impl Semaphore {
     }
 }
 
-impl fmt::Debug for Semaphore {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Semaphore")
-            .field("shared", &&raw const *self.core)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Semaphore, |semaphore| shared: &raw const *semaphore.core);

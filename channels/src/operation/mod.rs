@@ -310,11 +310,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     }
 }
 
-impl<'a, T, D: Direction<T>> fmt::Debug for Operation<'a, T, D> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Operation")
-            .field("direction", &D::NAME)
-            .field("phase", &self.phase)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl['a, T, D: Direction<T>] Operation<'a, T, D>, |operation|
+    direction: D::NAME,
+    phase: operation.phase
+);

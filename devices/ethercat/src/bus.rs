@@ -344,10 +344,4 @@ fn compare(expected: &[Expected], found: &[Found]) -> Result<(), OpenError> {
     Ok(())
 }
 
-impl std::fmt::Debug for Bus {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Bus")
-            .field("found", &self.found)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Bus, |bus| found: bus.found);

@@ -309,11 +309,4 @@ pub(crate) fn wrong_period(period: Duration, ages: &[Option<Duration>]) -> Optio
         .then_some("the greatest age of set-points is a period of the link or more")
 }
 
-impl std::fmt::Debug for Link {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Link")
-            .field("name", &self.name)
-            .field("bus", &self.bus)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Link, |link| name: link.name, bus: link.bus);

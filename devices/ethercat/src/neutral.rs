@@ -3,7 +3,6 @@
 use crate::State;
 use crate::frame::{Writer, command};
 use crate::port::Port;
-use std::fmt;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -84,13 +83,7 @@ impl Neutral {
     }
 }
 
-impl fmt::Debug for Neutral {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Neutral")
-            .field("is_engaged", &self.is_engaged())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Neutral, |neutral| is_engaged: neutral.is_engaged());
 
 #[cfg(test)]
 mod tests {

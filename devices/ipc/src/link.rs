@@ -9,7 +9,6 @@ use luna::realtime::off_path;
 use luna::{Error, Process};
 use luna_core::events::{self, code};
 use luna_platform::clock::Clock;
-use std::fmt;
 use std::pin::pin;
 use std::sync::Arc;
 
@@ -213,11 +212,8 @@ async fn run(
     stop
 }
 
-impl<N> fmt::Debug for Link<N> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Link")
-            .field("name", &self.session.name())
-            .field("status", &self.status)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[N] Link<N>, |link|
+    name: link.session.name(),
+    status: link.status
+);

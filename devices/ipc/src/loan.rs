@@ -160,13 +160,7 @@ impl<T> Clone for Loans<T> {
     }
 }
 
-impl<T> fmt::Debug for Loans<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Loans")
-            .field("slots", &self.0.slots)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[T] Loans<T>, |loans| slots: loans.0.slots);
 
 /// A value in shared memory, to be written and then sent: see [`Loans::loan`].
 ///

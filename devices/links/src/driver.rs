@@ -40,7 +40,6 @@ use luna::{Buffer, Error, Policy, Process, Receiver, Sender};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::thread::{self, Attributes, Thread};
 use std::convert::Infallible;
-use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
@@ -380,13 +379,10 @@ impl<D, Q: Send, A: Send> Work<D, Q, A> {
     }
 }
 
-impl<D, Q, A> fmt::Debug for Driver<D, Q, A> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Driver")
-            .field("name", &self.name)
-            .field("late_after", &self.late_after)
-            .field("lost_after", &self.lost_after)
-            .field("counts", &self.counts)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[D, Q, A] Driver<D, Q, A>, |driver|
+    name: driver.name,
+    late_after: driver.late_after,
+    lost_after: driver.lost_after,
+    counts: driver.counts
+);

@@ -32,7 +32,6 @@ use i2cdev::core::I2CTransfer;
 use i2cdev::linux::{I2CMessageFlags, LinuxI2CBus, LinuxI2CError, LinuxI2CMessage};
 use luna::devices::{Device, DeviceError, DeviceManager, Node, Sharing};
 use luna_platform::lock::PiLock;
-use std::fmt;
 use std::io;
 use std::os::fd::AsRawFd;
 use std::path::Path;
@@ -237,11 +236,7 @@ impl HalI2c<TenBitAddress> for I2c {
     }
 }
 
-impl fmt::Debug for Bus {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Bus").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Bus);
 
 #[cfg(test)]
 mod tests {

@@ -30,7 +30,6 @@ use linux_embedded_hal::SpidevDevice;
 use linux_embedded_hal::spidev::{SpiModeFlags, Spidev, SpidevOptions};
 use luna::devices::{Device, DeviceError, DeviceManager, Node, Sharing};
 use luna_platform::lock::PiLock;
-use std::fmt;
 use std::path::Path;
 
 const NODE: Node = Node::new("SPI device").subsystem("spidev").group("spi");
@@ -147,11 +146,7 @@ impl SpiDevice for Spi {
     }
 }
 
-impl fmt::Debug for SpiPort {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("SpiPort").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(SpiPort);
 
 #[cfg(test)]
 mod tests {

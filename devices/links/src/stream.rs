@@ -6,7 +6,6 @@ use crate::pump::{Kind, OnBad, pump_in, pump_out};
 use luna::devices::Device;
 use luna::external::{Framing, FromBytes, LinkError, Packer, Splitter, ToBytes, Wire};
 use luna::{Process, Receiver, Sender};
-use std::fmt;
 use std::future::Future;
 use std::io;
 use std::os::fd::OwnedFd;
@@ -235,15 +234,12 @@ impl<T: FromBytes + Send> Process for Reader<T> {
     }
 }
 
-impl<T> fmt::Debug for Reader<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Reader")
-            .field("wire", &self.wire)
-            .field("on_bad", &self.on_bad)
-            .field("counts", &self.counts)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[T] Reader<T>, |reader|
+    wire: reader.wire,
+    on_bad: reader.on_bad,
+    counts: reader.counts
+);
 
 /// A link from a channel to a device, to be spawned: see [`writer`].
 #[must_use = "a link is a process: spawn it"]
@@ -311,12 +307,9 @@ impl<T: ToBytes + Send> Process for Writer<T> {
     }
 }
 
-impl<T> fmt::Debug for Writer<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Writer")
-            .field("wire", &self.wire)
-            .field("patience", &self.patience)
-            .field("counts", &self.counts)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[T] Writer<T>, |writer|
+    wire: writer.wire,
+    patience: writer.patience,
+    counts: writer.counts
+);

@@ -1,7 +1,6 @@
 //! How a link's outputs are taken away.
 
 use luna_core::path::{self, Call};
-use std::fmt;
 use std::io;
 use std::net::UdpSocket;
 use std::sync::Arc;
@@ -76,13 +75,7 @@ impl Neutral {
     }
 }
 
-impl fmt::Debug for Neutral {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Neutral")
-            .field("is_engaged", &self.is_engaged())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Neutral, |neutral| is_engaged: neutral.is_engaged());
 
 #[cfg(test)]
 mod tests {

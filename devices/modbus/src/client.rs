@@ -9,7 +9,6 @@ use luna::external::LinkError;
 use luna::{Error, Process, Receiver, Sender};
 use luna_links::tcp::{Connector, Reconnect};
 use luna_platform::clock::Clock;
-use std::fmt;
 use std::time::Duration;
 
 /// Creates a client of a server, which in each `period` writes what waits and reads all points.
@@ -200,14 +199,11 @@ impl Process for Client {
     }
 }
 
-impl fmt::Debug for Client {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Client")
-            .field("device", &self.device.as_ref().map(Device::name))
-            .field("period", &self.period)
-            .field("unit", &self.unit)
-            .field("timeout", &self.timeout)
-            .field("counts", &self.counts)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    Client, |client|
+    device: client.device.as_ref().map(Device::name),
+    period: client.period,
+    unit: client.unit,
+    timeout: client.timeout,
+    counts: client.counts
+);

@@ -10,7 +10,6 @@ use rmodbus::server::context::ModbusContext;
 use rmodbus::server::storage::ModbusStorage;
 use rmodbus::{ErrorKind, ModbusProto};
 use std::collections::HashMap;
-use std::fmt;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -183,14 +182,7 @@ impl Drop for Server {
     }
 }
 
-impl fmt::Debug for Server {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Server")
-            .field("address", &self.address)
-            .field("requests", &self.requests())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Server, |server| address: server.address, requests: server.requests());
 
 fn beyond(_: ErrorKind) -> io::Error {
     let text = format!("the simulated server has addresses from 0 to {}", SIZE - 1);

@@ -7,7 +7,6 @@ use luna::channel::ChannelEnd;
 use luna::realtime::off_path;
 use luna::{Error, Process, Receiver};
 use luna_platform::clock::Clock;
-use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -196,11 +195,8 @@ impl<N: Near> Process for Link<N> {
     }
 }
 
-impl<N> fmt::Debug for Link<N> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Link")
-            .field("name", &self.line.name)
-            .field("status", &self.line.status)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[N] Link<N>, |link|
+    name: link.line.name,
+    status: link.line.status
+);

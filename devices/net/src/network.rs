@@ -11,7 +11,6 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::HashMap;
 use std::convert::Infallible;
-use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zenoh::{Session, Wait};
@@ -159,10 +158,4 @@ impl Drop for Inner {
     }
 }
 
-impl fmt::Debug for Network {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Network")
-            .field("book", &self.0.book)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Network, |network| book: network.0.book);

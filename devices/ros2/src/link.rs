@@ -6,7 +6,6 @@ use crate::{Ros2Error, Status};
 use luna::realtime::off_path;
 use luna::{Error, Process, Receiver};
 use luna_platform::clock::Clock;
-use std::fmt;
 use std::sync::Arc;
 
 /// The DDS side of a subscription, a service, a client or the parameters: a process, to be spawned.
@@ -117,11 +116,4 @@ impl Drop for Link {
     }
 }
 
-impl fmt::Debug for Link {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Link")
-            .field("name", &self.name)
-            .field("status", &self.status)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Link, |link| name: link.name, status: link.status);

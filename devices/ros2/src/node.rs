@@ -14,7 +14,6 @@ use ros2_client::dds::rustdds::{
 use ros2_client::qos::QosProfile;
 use ros2_client::{Context, CreateError, Name, NodeName, NodeOptions, ServiceMapping};
 use std::any::Any;
-use std::fmt;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -323,11 +322,4 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl fmt::Debug for Node {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Node")
-            .field("name", &self.name())
-            .field("domain", &self.inner.domain)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Node, |node| name: node.name(), domain: node.inner.domain);

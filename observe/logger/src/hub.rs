@@ -10,7 +10,6 @@ use crate::sample::Sample;
 use crate::signal::SignalBuilder;
 use luna_platform::clock::{Counter, Instant};
 use std::cell::{Cell, RefCell};
-use std::fmt;
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
@@ -340,14 +339,7 @@ fn latest() -> MutexGuard<'static, Weak<Hub>> {
     LATEST.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl fmt::Debug for Hub {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Hub")
-            .field("system", &self.system)
-            .field("recording", &self.is_recording())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Hub, |hub| system: hub.system, recording: hub.is_recording());
 
 /// Ends what [`Hub::enter`] began.
 #[must_use = "the thread leaves the hub when the guard is dropped"]

@@ -4,7 +4,6 @@ use crate::hub::Hub;
 use crate::lane::{self, Head};
 use crate::registry::{Declared, Losses, RegisterError};
 use crate::sample::Sample;
-use std::fmt;
 use std::marker::PhantomData;
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
@@ -97,13 +96,7 @@ impl<T> Drop for Signal<T> {
     }
 }
 
-impl<T> fmt::Debug for Signal<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Signal")
-            .field("number", &self.head.signal())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[T] Signal<T>, |signal| number: signal.head.signal());
 
 /// A signal to be: see [`Signal::with_unit`].
 #[must_use = "a signal is made by `register`"]

@@ -3,7 +3,6 @@
 use super::port;
 use crate::on_drop::OnDrop;
 use core::cell::{Cell, RefCell};
-use core::fmt;
 use core::sync::atomic::{AtomicUsize, Ordering, compiler_fence};
 
 /// How many interrupts that use LUNA may be under way at once, each in the middle of another. Each
@@ -174,8 +173,4 @@ impl<T> Local<RefCell<T>> {
     }
 }
 
-impl<T> fmt::Debug for Local<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Local").finish_non_exhaustive()
-    }
-}
+crate::debug_fields!(impl[T] Local<T>);

@@ -5,7 +5,6 @@ use luna::Policy;
 use luna_platform::thread::{self, Attributes};
 use std::cmp::Ordering as Order;
 use std::collections::BinaryHeap;
-use std::fmt;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,16 +42,13 @@ impl Default for Settings {
     }
 }
 
-impl fmt::Debug for Settings {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Settings")
-            .field("address", &self.address)
-            .field("faults", &self.faults)
-            .field("seed", &self.seed)
-            .field("policy", &self.policy)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    Settings, |settings|
+    address: settings.address,
+    faults: settings.faults,
+    seed: settings.seed,
+    policy: settings.policy
+);
 
 /// What has gone through the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -195,13 +191,7 @@ impl Drop for Server {
     }
 }
 
-impl fmt::Debug for Server {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Server")
-            .field("address", &self.address)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Server, |server| address: server.address);
 
 /// The machine's clock, in every system.
 fn now() -> u64 {

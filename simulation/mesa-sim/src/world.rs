@@ -2,7 +2,6 @@
 
 use crate::card::{Card, ENCODERS, PWMS};
 use luna_plants::{Checked, Plant, PlantError};
-use std::fmt;
 use std::time::Duration;
 
 /// A machine that the card is wired to.
@@ -109,12 +108,9 @@ impl<P: Plant + Send> World for PlantWorld<P> {
     }
 }
 
-impl<P> fmt::Debug for PlantWorld<P> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("PlantWorld")
-            .field("drives", &self.drives)
-            .field("counts", &self.counts)
-            .field("failure", &self.failure)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[P] PlantWorld<P>, |world|
+    drives: world.drives,
+    counts: world.counts,
+    failure: world.failure
+);

@@ -81,11 +81,11 @@ pub struct ParAll<F, T> {
 // The branches are pinned in their own allocation, and values are not pinned at all.
 impl<F, T> Unpin for ParAll<F, T> {}
 
-debug_parts!(
-    ParAll<F, T> as all:
-        branches = all.slots.len(),
-        running = all.running,
-        failed = all.failed
+luna_platform::debug_fields!(
+    impl[F, T] ParAll<F, T>, |all|
+    branches: all.slots.len(),
+    running: all.running,
+    failed: all.failed
 );
 
 impl<F: Future<Output = Result<T>>, T> ParAll<F, T> {

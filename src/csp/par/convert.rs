@@ -10,7 +10,7 @@ use std::task::{Context, Poll};
 /// A branch on its way through autoref specialization: it never outlives the macro's expression.
 pub struct Branch<F>(Cell<Option<F>>);
 
-debug_parts!(Branch<F>);
+luna_platform::debug_fields!(impl[F] Branch<F>);
 
 /// What a branch gives: a `Result`, with an error that turns into [`Error`].
 #[diagnostic::on_unimplemented(
@@ -90,7 +90,7 @@ impl<F> Refused for &Branch<F> {
 /// Turns a branch's error into [`Error`].
 pub struct Converting<F>(F);
 
-debug_parts!(Converting<F>);
+luna_platform::debug_fields!(impl[F] Converting<F>);
 
 impl<F, T, E> Future for Converting<F>
 where

@@ -2,7 +2,6 @@
 
 use crate::error::{Error, Failures, Result};
 use luna_core::current;
-use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -15,13 +14,10 @@ pub struct Join<T, const BY_PRIORITY: bool> {
     failed: bool,
 }
 
-impl<T, const BY_PRIORITY: bool> fmt::Debug for Join<T, BY_PRIORITY> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Join")
-            .field("failed", &self.failed)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[T, const BY_PRIORITY: bool] Join<T, BY_PRIORITY>, |join|
+    failed: join.failed
+);
 
 /// Used by the macros.
 pub fn join<const BY_PRIORITY: bool, T: Branches>(branches: T) -> Join<T::Slots, BY_PRIORITY> {
@@ -58,7 +54,7 @@ impl<F, T> Slot<F, T> {
     }
 }
 
-debug_parts!(Slot<F, T>);
+luna_platform::debug_fields!(impl[F, T] Slot<F, T>);
 
 impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
     /// Polls the branch once if it runs, the one of this number, `below` levels lower than its

@@ -217,4 +217,4 @@ impl<F: FnMut() + Send> Process for WatchdogProcess<F> {
     }
 }
 
-debug_parts!(WatchdogProcess<F> as process: watchdog = process.watchdog);
+luna_platform::debug_fields!(impl[F] WatchdogProcess<F>, |process| watchdog: process.watchdog);

@@ -168,6 +168,6 @@ impl Drop for TimerCallback {
     }
 }
 
-debug_parts!(TimerManager);
+luna_platform::debug_fields!(TimerManager);
 
-debug_parts!(TimerCallback as callback: number = callback.number);
+luna_platform::debug_fields!(TimerCallback, |callback| number: callback.number);

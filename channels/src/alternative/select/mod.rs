@@ -9,7 +9,6 @@ use crate::core::FastPath;
 use crate::finally::Finally;
 use crate::replay;
 use crate::select_state::SelectState;
-use core::fmt;
 use core::future::Future;
 use core::marker::PhantomPinned;
 use core::mem::{ManuallyDrop, MaybeUninit};
@@ -339,11 +338,8 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     }
 }
 
-impl<const FAIR: bool, S: Seeds> fmt::Debug for Select<FAIR, S> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Select")
-            .field("fair", &FAIR)
-            .field("state", &self.state)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[const FAIR: bool, S: Seeds] Select<FAIR, S>, |select|
+    fair: FAIR,
+    state: select.state
+);

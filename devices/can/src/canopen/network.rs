@@ -6,7 +6,6 @@ use super::{Emergency, Nmt, NmtState, NodeEvent, NodeId, PdoError, PdoValue, Sdo
 use crate::{Controller, Counts, Event, Filter, Frame, OnBusOff, Port, controller};
 use luna::devices::Device;
 use luna::{Buffer, Receiver, Sender};
-use std::fmt;
 use std::time::Duration;
 
 /// Frames of each kind that wait to be handled.
@@ -175,10 +174,4 @@ impl<P: Port> Network<P> {
     }
 }
 
-impl<P: Port> fmt::Debug for Network<P> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Network")
-            .field("controller", &self.controller)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[P: Port] Network<P>, |network| controller: network.controller);

@@ -9,7 +9,6 @@ use luna::realtime::off_path;
 use luna::{Error, Process, Receiver, Sender};
 use luna_platform::clock::Clock;
 use routing::{Ends, PassedOn, Reported, Route, Routing, Stop, Take, Typed, give_way};
-use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::task::Poll;
@@ -328,12 +327,9 @@ async fn transmit<P: Port>(port: &P, outgoing: &Receiver<Frame>, counts: &Counts
     Stop::Closed
 }
 
-impl<P: Port> fmt::Debug for Controller<P> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Controller")
-            .field("device", &self.device.as_ref().map(Device::name))
-            .field("on_bus_off", &self.on_bus_off)
-            .field("counts", &self.counts)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[P: Port] Controller<P>, |controller|
+    device: controller.device.as_ref().map(Device::name),
+    on_bus_off: controller.on_bus_off,
+    counts: controller.counts
+);

@@ -2,7 +2,6 @@
 
 use crate::{BusError, BusReport, Filter, Frame, Incoming, PortError, State};
 use luna::{Buffer, Receiver, Sender};
-use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How many received frames a node keeps.
@@ -173,8 +172,4 @@ impl crate::Port for Port {
     }
 }
 
-impl fmt::Debug for Port {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Port").finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Port);

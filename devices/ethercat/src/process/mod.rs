@@ -20,7 +20,6 @@ use luna::time::Follower;
 use luna::{Error, Process};
 use luna_platform::clock::Clock;
 use std::any::Any;
-use std::fmt;
 use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
@@ -201,11 +200,8 @@ impl BusProcess {
     }
 }
 
-impl fmt::Debug for BusProcess {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("BusProcess")
-            .field("name", &self.parts.name)
-            .field("health", &self.health)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    BusProcess, |process|
+    name: process.parts.name,
+    health: process.health
+);

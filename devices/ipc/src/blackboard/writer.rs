@@ -11,7 +11,6 @@ use crate::name::Name;
 use crate::session::{OPEN, namespace};
 use crate::{IpcError, Role, ZeroCopySend};
 use iceoryx2_bb_posix::shared_memory::AccessMode;
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::{Relaxed, SeqCst};
 
@@ -57,13 +56,7 @@ struct New {
     set: SetInitial,
 }
 
-impl fmt::Debug for New {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("New")
-            .field("key", &self.key)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(New, |new| key: new.key);
 
 impl Blackboard {
     /// The blackboard of this name, which is none of a channel. For the name the same holds as for

@@ -12,7 +12,6 @@ use luna::Instant;
 use luna::time::{Conversion, LeaderTick, StampClock, StampSource};
 use luna_platform::clock::Clock;
 use luna_platform::socket;
-use std::fmt;
 use std::future::{Future, poll_fn};
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
@@ -376,11 +375,8 @@ pub(super) enum Taken<I> {
     Empty,
 }
 
-impl<O, I> fmt::Debug for CycleLink<O, I> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("CycleLink")
-            .field("peer", &self.peer)
-            .field("stamps", &self.source.clock())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[O, I] CycleLink<O, I>, |link|
+    peer: link.peer,
+    stamps: link.source.clock()
+);

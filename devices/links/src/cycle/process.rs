@@ -8,7 +8,6 @@ use super::status::Status;
 use luna::external::LinkError;
 use luna::{Process, Receiver, Sender};
 use luna_platform::clock::Clock;
-use std::fmt;
 
 /// How many values are delivered before one is sent, if there are both.
 const IN_ONE_GO: u32 = 16;
@@ -215,12 +214,9 @@ async fn carry<O: CycleData, I: CycleData>(
     }
 }
 
-impl<O, I> fmt::Debug for CycleProcess<O, I> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("CycleProcess")
-            .field("link", &self.link)
-            .field("on_stale", &self.on_stale)
-            .field("status", &self.status)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[O, I] CycleProcess<O, I>, |process|
+    link: process.link,
+    on_stale: process.on_stale,
+    status: process.status
+);

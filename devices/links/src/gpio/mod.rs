@@ -44,7 +44,6 @@ pub use writer::{Writer, writer};
 use crate::Transport;
 use luna::devices::{Device, DeviceError, DeviceManager, Node, Sharing};
 use luna_platform::lock::PiLock;
-use std::fmt;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::Path;
@@ -334,10 +333,4 @@ impl Drop for Pins {
     }
 }
 
-impl fmt::Debug for Pins {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Pins")
-            .field("lines", &self.lines)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Pins, |pins| lines: pins.lines);

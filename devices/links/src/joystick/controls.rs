@@ -8,7 +8,6 @@ use luna::devices::Device;
 use luna::external::{FromBytes, LinkError, Splitter, Wire};
 use luna::{Process, Sender};
 use luna_core::path::{self, Call};
-use std::fmt;
 use std::future::Future;
 use std::pin::{Pin, pin};
 
@@ -137,11 +136,8 @@ async fn next(
     }
 }
 
-impl<D: Controller> fmt::Debug for Controls<D> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Controls")
-            .field("device", &self.device)
-            .field("counts", &self.counts)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[D: Controller] Controls<D>, |controls|
+    device: controls.device,
+    counts: controls.counts
+);

@@ -4,7 +4,6 @@ use super::{Controller, MAX_AXES, Range, Snapshot};
 use crate::Transport;
 use evdev::KeyCode;
 use luna::devices::{Device, DeviceError, DeviceManager, Node, Sharing};
-use std::fmt;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::Path;
@@ -106,10 +105,4 @@ impl Controller for InputDevice {
     }
 }
 
-impl fmt::Debug for InputDevice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("InputDevice")
-            .field("name", &self.device.name())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(InputDevice, |device| name: device.device.name());

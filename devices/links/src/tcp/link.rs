@@ -8,7 +8,6 @@ use crate::pump::OnBad;
 use luna::devices::Device;
 use luna::external::{Framing, FromBytes, LinkError, Packer, Splitter, ToBytes};
 use luna::{Process, Receiver, Sender};
-use std::fmt;
 use std::future::Future;
 use std::time::Duration;
 
@@ -172,13 +171,10 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Process for Link<O, I> {
     }
 }
 
-impl<O, I> fmt::Debug for Link<O, I> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Link")
-            .field("origin", &self.origin)
-            .field("reconnect", &self.reconnect)
-            .field("sent", &self.sent)
-            .field("received", &self.received)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[O, I] Link<O, I>, |link|
+    origin: link.origin,
+    reconnect: link.reconnect,
+    sent: link.sent,
+    received: link.received
+);

@@ -16,7 +16,6 @@ use luna::{Error, Instant, Process};
 use luna_platform::clock::Clock;
 use readings::Readings;
 use std::any::Any;
-use std::fmt;
 use std::future::Future;
 use std::net::UdpSocket;
 use std::sync::Arc;
@@ -325,11 +324,8 @@ impl State {
     }
 }
 
-impl fmt::Debug for CardProcess {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("CardProcess")
-            .field("name", &self.parts.name)
-            .field("health", &self.health)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    CardProcess, |process|
+    name: process.parts.name,
+    health: process.health
+);

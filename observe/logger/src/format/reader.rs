@@ -4,7 +4,6 @@ use super::decode::{Body, Types, is_known, record};
 use super::error::{ReadError, ReadErrorKind};
 use super::record::Record;
 use super::{BLOCK_MAGIC, BLOCK_START, HEAD, MAGIC, MAJOR, MAX_IN_BLOCK};
-use std::fmt;
 use std::io::{ErrorKind, Read};
 
 /// What a replay log begins with, which another part of LUNA reads.
@@ -365,11 +364,8 @@ fn fill(from: &mut impl Read, to: &mut [u8]) -> std::io::Result<usize> {
     Ok(got)
 }
 
-impl<R> fmt::Debug for Reader<R> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Reader")
-            .field("version", &self.version)
-            .field("offset", &self.offset)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    impl[R] Reader<R>, |reader|
+    version: reader.version,
+    offset: reader.offset
+);

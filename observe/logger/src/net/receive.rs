@@ -7,7 +7,6 @@ use crate::format::Tally;
 use crate::recorder::Sink;
 use crate::thread::start;
 use luna_platform::thread::Thread;
-use std::fmt;
 use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::sync::Arc;
@@ -221,10 +220,4 @@ impl Drop for Receiving {
     }
 }
 
-impl fmt::Debug for Receiving {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Receiving")
-            .field("address", &self.address)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Receiving, |receiving| address: receiving.address);

@@ -362,13 +362,7 @@ impl Drop for Recorder {
     }
 }
 
-impl fmt::Debug for Recorder {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Recorder")
-            .field("to", &self.to)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Recorder, |recorder| to: recorder.to);
 
 /// Why a recording cannot begin.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

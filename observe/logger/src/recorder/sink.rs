@@ -1,7 +1,6 @@
 //! Where blocks go.
 
 use crate::format::Tally;
-use std::fmt;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -216,10 +215,4 @@ impl<W: Write + Send> Sink for WriterSink<W> {
     }
 }
 
-impl<W> fmt::Debug for WriterSink<W> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("WriterSink")
-            .field("is_broken", &self.is_broken)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[W] WriterSink<W>, |sink| is_broken: sink.is_broken);

@@ -2,7 +2,6 @@
 
 use super::sink::Sink;
 use crate::format::{Encoder, seal};
-use std::fmt;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -174,10 +173,4 @@ impl Sink for Tee {
     }
 }
 
-impl fmt::Debug for Tee {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Tee")
-            .field("others", &self.others.len())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(Tee, |tee| others: tee.others.len());

@@ -7,7 +7,6 @@ use crate::canopen::{Emergency, Heartbeat, NmtCommand, NmtState, NodeId, Object,
 use crate::{Frame, Incoming, Port, PortError};
 use luna::devices::Device;
 use luna::{Buffer, Error, Instant, Process, Receiver, Sender};
-use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -372,20 +371,6 @@ async fn wait<P: Port>(
     .await
 }
 
-impl<P: Port> fmt::Debug for Node<P> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Node")
-            .field("id", &self.id)
-            .field("state", &self.state())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(impl[P: Port] Node<P>, |node| id: node.id, state: node.state());
 
-impl fmt::Debug for NodeControl {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("NodeControl")
-            .field("id", &self.id)
-            .field("state", &self.state())
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(NodeControl, |control| id: control.id, state: control.state());
