@@ -240,7 +240,7 @@ pub(super) struct Meeting<'a, const FAIR: bool> {
 }
 
 impl<const FAIR: bool> Finish for Meeting<'_, FAIR> {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     unsafe fn finish<G: Guard>(self, mut guard: Pin<&mut G>) -> Option<G::Output> {
         let PlainGuard {
             wait_point,
@@ -374,7 +374,7 @@ pub(super) struct Chosen<const FAIR: bool> {
 }
 
 impl<const FAIR: bool> Finish for Chosen<FAIR> {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     unsafe fn finish<G: Guard>(self, guard: Pin<&mut G>) -> Option<G::Output> {
         let plain = guard.plain();
         // SAFETY: the node was begun when it was listed.

@@ -331,16 +331,22 @@ impl<P: Place, R: Guards> Guards for Cons<P, R> {
         rest.each(number + 1, step);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     unsafe fn finish(self: Pin<&mut Self>, index: u32, step: impl Finish) -> Option<Self::Output> {
         let (first, rest) = self.parts();
         match (index.checked_sub(1), first) {
             // SAFETY: the guard of this index is as `step` demands, as is demanded here.
-            (None, Some(first)) => unsafe { step.finish(first) }.map(Either::L),
+            (None, Some(first)) => match unsafe { step.finish(first) } {
+                Some(output) => Some(Either::L(output)),
+                None => None,
+            },
             (None, None) => unreachable!("an alternative has chosen a guard that is not open"),
             // SAFETY: the guard of this index in the rest is as `step` demands, as is demanded
             // here.
-            (Some(index), _) => unsafe { rest.finish(index, step) }.map(Either::R),
+            (Some(index), _) => match unsafe { rest.finish(index, step) } {
+                Some(output) => Some(Either::R(output)),
+                None => None,
+            },
         }
     }
 }

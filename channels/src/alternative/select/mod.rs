@@ -139,7 +139,7 @@ impl<const FAIR: bool, S: Seeds> Future for Select<FAIR, S> {
 struct Over;
 
 impl Finish for Over {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     unsafe fn finish<G: Guard>(self, guard: Pin<&mut G>) -> Option<G::Output> {
         // SAFETY: the guard was chosen and is over, and its output is taken once, as is demanded
         // here.
@@ -156,7 +156,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     /// # Safety
     ///
     /// The guards are plain, and nothing has happened.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     unsafe fn begin_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
@@ -207,7 +207,7 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     /// # Safety
     ///
     /// The guards are plain and listed.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
