@@ -48,6 +48,10 @@ pub trait Visit {
 }
 
 /// The last step on the guard that an alternative has chosen.
+///
+/// A build without optimization keeps each copy of an output in the frame of the function that makes
+/// it. So what returns an output is inlined with optimization alone, or the frame of the poll would
+/// hold the copies of all.
 pub trait Finish {
     /// The output of the guard, if it is over.
     ///
