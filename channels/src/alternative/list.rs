@@ -336,17 +336,11 @@ impl<P: Place, R: Guards> Guards for Cons<P, R> {
         let (first, rest) = self.parts();
         match (index.checked_sub(1), first) {
             // SAFETY: the guard of this index is as `step` demands, as is demanded here.
-            (None, Some(first)) => match unsafe { step.finish(first) } {
-                Some(output) => Some(Either::L(output)),
-                None => None,
-            },
+            (None, Some(first)) => Some(Either::L(unsafe { step.finish(first) }?)),
             (None, None) => unreachable!("an alternative has chosen a guard that is not open"),
             // SAFETY: the guard of this index in the rest is as `step` demands, as is demanded
             // here.
-            (Some(index), _) => match unsafe { rest.finish(index, step) } {
-                Some(output) => Some(Either::R(output)),
-                None => None,
-            },
+            (Some(index), _) => Some(Either::R(unsafe { rest.finish(index, step) }?)),
         }
     }
 }
