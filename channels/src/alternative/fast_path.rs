@@ -18,7 +18,7 @@
 //! [`Waiting`](crate::wait_point::Waiting).
 
 use super::guard::Guard;
-use crate::core::{FastPath, part_from};
+use crate::core::{FastPath, part_alone, part_queued};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
@@ -45,6 +45,20 @@ pub struct PlainGuard<'a> {
 pub trait Visit {
     /// Goes to a guard. Returns whether to go on to the next one.
     fn visit<G: Guard>(&mut self, number: u32, guard: Pin<&mut G>) -> bool;
+}
+
+/// The last step on the guard that an alternative has chosen.
+///
+/// A build without optimization keeps each copy of an output in the frame of the function that makes
+/// it. So what returns an output is inlined with optimization alone, or the frame of the poll would
+/// hold the copies of all.
+pub trait Finish {
+    /// The output of the guard, if it is over.
+    ///
+    /// # Safety
+    ///
+    /// The guard was chosen, and its output was not taken yet. The steps say what else they demand.
+    unsafe fn finish<G: Guard>(self, guard: Pin<&mut G>) -> Option<G::Output>;
 }
 
 /// The greatest stamp among the ends of an alternative, if it is fair; else no end has one.
@@ -142,16 +156,11 @@ impl<'a, const FAIR: bool> Looks<'a, FAIR> {
     }
 
     /// What lets the guard that is ready meet its partner.
-    ///
-    /// # Safety
-    ///
-    /// It visits that guard, which is new, and the lock of its wait point is kept.
     #[inline(always)]
-    pub(super) unsafe fn meeting(&self) -> Meeting<'_, FAIR> {
+    pub(super) fn meeting(&self) -> Meeting<'_, FAIR> {
         Meeting {
             turn: self.turn,
             ends: self.ends,
-            result: FastPath::No,
         }
     }
 }
@@ -226,17 +235,17 @@ fn first_partner(lists: &mut WaitQueues, of_sender: bool) -> Option<NonNull<Wait
     }
 }
 
-/// Lets the guard that is ready meet its partner, and the partner go.
+/// Lets the guard that is ready meet its partner, and the partner go. It is over, unless the process
+/// gives way. Demands that [`Looks`] have found this guard ready, and have kept its lock.
 #[derive(Debug)]
 pub(super) struct Meeting<'a, const FAIR: bool> {
     turn: PlainTurn<'a>,
     ends: Ends<FAIR>,
-    pub(super) result: FastPath,
 }
 
-impl<const FAIR: bool> Visit for Meeting<'_, FAIR> {
-    #[inline(always)]
-    fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
+impl<const FAIR: bool> Finish for Meeting<'_, FAIR> {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    unsafe fn finish<G: Guard>(self, mut guard: Pin<&mut G>) -> Option<G::Output> {
         let PlainGuard {
             wait_point,
             of_sender,
@@ -246,22 +255,28 @@ impl<const FAIR: bool> Visit for Meeting<'_, FAIR> {
         self.ends.choose(stamp);
         // The end that the guard borrows keeps the wait point.
         let wait_point = NonNull::from(wait_point);
-        // SAFETY: the look has kept the lock, on this thread, and has found the partner.
+        // SAFETY: the look has kept the lock, on this thread, and has found the partner. It is met,
+        // so the guard is done.
         unsafe {
             let wait_point = wait_point.as_ref();
             let mut lists = wait_point.kept(self.turn);
-            let partner = match lists.waiting.one(!of_sender) {
-                Some(partner) => partner,
-                None => match first_partner(&mut lists, of_sender) {
-                    Some(first) => first,
-                    None => unreachable!("a partner has gone under the lock"),
-                },
+            let result = match lists.waiting.one(!of_sender) {
+                Some(partner) => {
+                    lists.keep();
+                    guard.as_mut().meet(partner);
+                    part_alone(wait_point, partner, of_sender, self.turn)
+                }
+                None => {
+                    let Some(partner) = first_partner(&mut lists, of_sender) else {
+                        unreachable!("a partner has gone under the lock");
+                    };
+                    lists.keep();
+                    guard.as_mut().meet(partner);
+                    part_queued(wait_point, of_sender, self.turn)
+                }
             };
-            lists.keep();
-            guard.meet(partner);
-            self.result = part_from(wait_point, partner, of_sender, self.turn);
+            (result != FastPath::GaveWay).then(|| guard.output_when_done())
         }
-        false
     }
 }
 
@@ -354,26 +369,26 @@ unsafe fn list_in_queue(lists: &mut WaitQueues, node: NonNull<WaitNode>, of_send
     }
 }
 
-/// Whether the chosen guard is over; then its end gets its new stamp.
+/// Takes the output of a listed guard, if it is done; then its end gets its new stamp.
 #[derive(Debug)]
 pub(super) struct Chosen<const FAIR: bool> {
     /// As they were when the guards were listed. What this thread has chosen since has a smaller
     /// stamp than its next choice.
     pub(super) ends: Ends<FAIR>,
-    pub(super) is_over: bool,
 }
 
-impl<const FAIR: bool> Visit for Chosen<FAIR> {
-    #[inline(always)]
-    fn visit<G: Guard>(&mut self, _: u32, guard: Pin<&mut G>) -> bool {
-        let guard = guard.plain();
+impl<const FAIR: bool> Finish for Chosen<FAIR> {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    unsafe fn finish<G: Guard>(self, guard: Pin<&mut G>) -> Option<G::Output> {
+        let plain = guard.plain();
         // SAFETY: the node was begun when it was listed.
-        let outcome = unsafe { Waiter::outcome(guard.node.cast::<Waiter<()>>()) };
-        self.is_over = outcome == Outcome::Done;
-        if self.is_over {
-            self.ends.choose(guard.stamp);
+        let outcome = unsafe { Waiter::outcome(plain.node.cast::<Waiter<()>>()) };
+        if outcome != Outcome::Done {
+            return None;
         }
-        false
+        self.ends.choose(plain.stamp);
+        // SAFETY: it is done, and its output was not taken yet, as is demanded here.
+        Some(unsafe { guard.output_when_done() })
     }
 }
 

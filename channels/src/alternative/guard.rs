@@ -56,8 +56,8 @@ pub trait Guard: RawGuard {
     }
 
     /// What the fast path needs of it, if it is `PLAIN`: a send without a closure, or a receive
-    /// that holds no sender. A plain guard also implements [`note_listed`](Self::note_listed) and
-    /// [`meet`](Self::meet).
+    /// that holds no sender. A plain guard also implements [`note_listed`](Self::note_listed),
+    /// [`meet`](Self::meet) and [`output_when_done`](Self::output_when_done).
     #[doc(hidden)]
     fn plain(&self) -> PlainGuard<'_> {
         unreachable!("a guard without a fast path")
@@ -75,6 +75,16 @@ pub trait Guard: RawGuard {
     /// its channel, the lock of which is held by this thread.
     #[doc(hidden)]
     unsafe fn meet(self: Pin<&mut Self>, _partner: NonNull<WaitNode>) {}
+
+    /// Takes the output of a plain guard that is done: see [`meet`](Self::meet).
+    ///
+    /// # Safety
+    ///
+    /// It is done, by a partner or by `meet`, and this is called once.
+    #[doc(hidden)]
+    unsafe fn output_when_done(self: Pin<&mut Self>) -> Self::Output {
+        unreachable!("a guard without a fast path")
+    }
 
     /// Takes the guard's output.
     ///

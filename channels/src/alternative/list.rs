@@ -1,7 +1,7 @@
 //! The guards of one alternative, as a list with static types.
 
 use super::after::After;
-use super::fast_path::Visit;
+use super::fast_path::{Finish, Visit};
 use super::guard::{Guard, RawGuard};
 use super::when::{Due, When};
 use crate::barrier::SyncOp;
@@ -240,15 +240,12 @@ pub trait Guards {
     /// Goes to the open guards, until the visitor stops it. Only for a [plain](Self::PLAIN) list.
     fn each(self: Pin<&mut Self>, number: u32, step: &mut impl Visit);
 
-    /// Goes to guard `index`, which is open. Only for a [plain](Self::PLAIN) list.
-    fn one(self: Pin<&mut Self>, index: u32, step: &mut impl Visit);
-
-    /// The output of guard `index`, or of `skip` if that is their number.
+    /// The output of guard `index`, if `step` gives it, or of `skip` if that is their number.
     ///
     /// # Safety
     ///
-    /// That guard was chosen and is over, and this is called once.
-    unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output;
+    /// The guard is as `step` demands.
+    unsafe fn finish(self: Pin<&mut Self>, index: u32, step: impl Finish) -> Option<Self::Output>;
 }
 
 /// What [`Guards::collect`] fills.
@@ -278,10 +275,7 @@ macro_rules! end_of_list {
             fn each(self: Pin<&mut Self>, _: u32, _: &mut impl Visit) {}
 
             #[inline(always)]
-            fn one(self: Pin<&mut Self>, _: u32, _: &mut impl Visit) {}
-
-            #[inline(always)]
-            unsafe fn output(self: Pin<&mut Self>, _: u32) -> $output {
+            unsafe fn finish(self: Pin<&mut Self>, _: u32, _: impl Finish) -> Option<$output> {
                 $result
             }
         }
@@ -294,7 +288,7 @@ end_of_list!(
     false,
     unreachable!("an alternative has chosen a guard that it does not have")
 );
-end_of_list!(Skip, (), true, ());
+end_of_list!(Skip, (), true, Some(()));
 
 impl<P: Place, R> Cons<P, R> {
     #[inline(always)]
@@ -337,27 +331,16 @@ impl<P: Place, R: Guards> Guards for Cons<P, R> {
         rest.each(number + 1, step);
     }
 
-    #[inline(always)]
-    fn one(self: Pin<&mut Self>, index: u32, step: &mut impl Visit) {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    unsafe fn finish(self: Pin<&mut Self>, index: u32, step: impl Finish) -> Option<Self::Output> {
         let (first, rest) = self.parts();
         match (index.checked_sub(1), first) {
-            (None, Some(first)) => _ = step.visit(index, first),
-            (None, None) => {}
-            (Some(index), _) => rest.one(index, step),
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output {
-        let (first, rest) = self.parts();
-        match (index.checked_sub(1), first) {
-            // SAFETY: this guard was chosen and is over, and this is called once, as is demanded of
-            // guard `index`.
-            (None, Some(first)) => Either::L(unsafe { first.output() }),
+            // SAFETY: the guard of this index is as `step` demands, as is demanded here.
+            (None, Some(first)) => Some(Either::L(unsafe { step.finish(first) }?)),
             (None, None) => unreachable!("an alternative has chosen a guard that is not open"),
-            // SAFETY: the guard of this index in the rest was chosen and is over, and this is
-            // called once, as is demanded here.
-            (Some(index), _) => Either::R(unsafe { rest.output(index) }),
+            // SAFETY: the guard of this index in the rest is as `step` demands, as is demanded
+            // here.
+            (Some(index), _) => Some(Either::R(unsafe { rest.finish(index, step) }?)),
         }
     }
 }

@@ -25,7 +25,7 @@ mod guard;
 mod hand_off;
 mod registered;
 
-pub(crate) use fast_path::{FastPath, Meet, part_from, wake_partner};
+pub(crate) use fast_path::{FastPath, Meet, part_alone, part_queued, wake_partner};
 pub(crate) use guard::{Attempted, ChannelGuard, Locked};
 pub(crate) use hand_off::HandOff;
 

@@ -175,6 +175,11 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     }
 
     #[inline(always)]
+    unsafe fn output_when_done(self: Pin<&mut Self>) -> Self::Output {
+        Ok(self.in_place().done())
+    }
+
+    #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {

@@ -2,10 +2,10 @@
 
 mod slow_path;
 
-use crate::alternative::fast_path::{Chosen, Ends, Found, Listing, Looks, Withdrawing};
+use crate::alternative::fast_path::{Chosen, Ends, Finish, Found, Listing, Looks, Withdrawing};
+use crate::alternative::guard::Guard;
 use crate::alternative::list::{Collected, Guards, MAX_GUARDS, Seeds};
 use crate::alternative::stop::Stop;
-use crate::core::FastPath;
 use crate::finally::Finally;
 use crate::replay;
 use crate::select_state::SelectState;
@@ -14,7 +14,7 @@ use core::marker::PhantomPinned;
 use core::mem::{ManuallyDrop, MaybeUninit};
 use core::pin::Pin;
 use core::ptr::NonNull;
-use core::task::{Context, Poll, RawWakerVTable};
+use core::task::{Context, Poll, RawWakerVTable, ready};
 use luna_core::current::PlainTurn;
 use luna_core::events;
 use slow_path::Polled;
@@ -56,6 +56,7 @@ pub struct Select<const FAIR: bool, S: Seeds> {
     state: State,
     /// Of the guards, when the fast path listed them.
     ends: Ends<FAIR>,
+    /// On the slow path. A waker that polls there next after the fast path is new.
     polled_by: Identity,
     stop: ManuallyDrop<Stop>,
     _pinned: PhantomPinned,
@@ -106,33 +107,43 @@ impl<const FAIR: bool, S: Seeds> Future for Select<FAIR, S> {
                 this.seeds.assume_init_read().grow(this.guards.as_mut_ptr());
             }
         }
-        let mut polled = None;
         if S::Guards::PLAIN
             && let State::New | State::Listed = self.state
             && let Some(turn) = PlainTurn::of(cx)
         {
             // SAFETY: the guards are plain; their state is looked at here.
-            polled = unsafe {
+            let polled = unsafe {
                 match self.state {
                     State::Listed => self.as_mut().finish_fast(turn),
-                    _ => self.as_mut().begin_fast(turn, cx),
+                    _ => self.as_mut().begin_fast(turn),
                 }
             };
+            if let Some(polled) = polled {
+                return polled;
+            }
         }
-        let polled = match polled {
-            Some(polled) => polled,
-            None => self.as_mut().poll_slow_path(cx),
-        };
-        let Poll::Ready(number) = polled else {
-            return Poll::Pending;
-        };
+        let number = ready!(self.as_mut().poll_slow_path(cx));
         // SAFETY: the guards are pinned with the whole, and are there since the poll began. The
-        // guard was chosen and is over, and the alternative is not polled again.
+        // guard was chosen and is over, and the alternative is not polled again. `Over` gives an
+        // output.
         unsafe {
             let this = self.get_unchecked_mut();
             this.state = State::Over;
-            Poll::Ready(Pin::new_unchecked(this.guards.assume_init_mut()).output(number))
+            let guards = Pin::new_unchecked(this.guards.assume_init_mut());
+            Poll::Ready(guards.finish(number, Over).unwrap_unchecked())
         }
+    }
+}
+
+/// The last step on a guard that the slow path has chosen, and which is over.
+struct Over;
+
+impl Finish for Over {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    unsafe fn finish<G: Guard>(self, guard: Pin<&mut G>) -> Option<G::Output> {
+        // SAFETY: the guard was chosen and is over, and its output is taken once, as is demanded
+        // here.
+        Some(unsafe { guard.output() })
     }
 }
 
@@ -145,12 +156,8 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     /// # Safety
     ///
     /// The guards are plain, and nothing has happened.
-    #[inline(always)]
-    unsafe fn begin_fast(
-        self: Pin<&mut Self>,
-        turn: PlainTurn<'_>,
-        cx: &Context<'_>,
-    ) -> Option<Poll<u32>> {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    unsafe fn begin_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: the guards are there since the poll began, and are pinned with the whole.
@@ -159,37 +166,39 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
         guards.as_mut().each(0, &mut looks);
         let found = looks.found();
         if found == Found::Nothing && !S::Guards::SKIP {
-            // Before another thread can find a node that leads to it.
-            // SAFETY: `Nothing` was found only if a look has entered a wait point, by its bias to
-            // the executor of this turn.
-            let select_state = this
-                .select_state
-                .write(unsafe { SelectState::opened_fast(turn) });
-            let select_state = NonNull::from(select_state);
-            this.has_select_state = true;
+            let select_state = NonNull::from(&mut this.select_state).cast();
             // SAFETY: none is ready; the guards are pinned, and go before the select state.
-            guards.each(0, &mut unsafe { Listing::of(turn, select_state) });
+            let mut listing = unsafe { Listing::of(turn, select_state) };
+            // Before another thread can find a node that leads to it. SAFETY: it is room for one in
+            // the alternative. `Nothing` was found only if a look has entered a wait point, by its
+            // bias to the executor of this turn.
+            unsafe { select_state.write(SelectState::opened_fast(turn)) };
+            this.has_select_state = true;
+            guards.each(0, &mut listing);
             this.state = State::Listed;
             this.ends = looks.ends;
-            this.polled_by = identity(cx);
             return Some(Poll::Pending);
         }
         guards.as_mut().each(0, &mut looks.leaving());
-        let (number, gives_way) = match found {
+        let (number, output) = match found {
             Found::Refused => return None,
-            Found::Ready(number) => {
-                // SAFETY: the look has kept the lock of this guard, which is new.
-                let mut meeting = unsafe { looks.meeting() };
-                guards.as_mut().one(number, &mut meeting);
-                (number, meeting.result == FastPath::GaveWay)
+            // SAFETY: the look has found this guard ready, and has kept its lock.
+            Found::Ready(number) => (number, unsafe { guards.finish(number, looks.meeting()) }),
+            Found::Nothing => {
+                let skip = S::Guards::LEN as u32;
+                // SAFETY: `skip` demands nothing.
+                let output = (!turn.yields_after_operation())
+                    .then(|| unsafe { guards.finish(skip, Over) })
+                    .flatten();
+                (skip, output)
             }
-            Found::Nothing => (S::Guards::LEN as u32, turn.yields_after_operation()),
         };
-        if gives_way {
+        let Some(output) = output else {
             this.state = State::GaveWay(number);
             return Some(Poll::Pending);
-        }
-        Some(Poll::Ready(number))
+        };
+        this.state = State::Over;
+        Some(Poll::Ready(output))
     }
 
     /// Takes the result of a partner's commit, and withdraws the other guards. `None`: take the
@@ -198,8 +207,8 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
     /// # Safety
     ///
     /// The guards are plain and listed.
-    #[inline(always)]
-    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<u32>> {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    unsafe fn finish_fast(self: Pin<&mut Self>, turn: PlainTurn<'_>) -> Option<Poll<Outputs<S>>> {
         // SAFETY: the guards are pinned with the whole, and the select state is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: guards were listed, so both are there: the guards since the first poll, the
@@ -211,16 +220,12 @@ impl<const FAIR: bool, S: Seeds> Select<FAIR, S> {
             )
         };
         let chosen = select_state.chosen()?;
-        let mut settled = Chosen {
-            ends: this.ends,
-            is_over: false,
-        };
-        guards.as_mut().one(chosen, &mut settled);
-        if !settled.is_over {
-            return None;
-        }
+        // SAFETY: the guard was listed, and a partner has chosen it. The output is taken once: the
+        // alternative is over then.
+        let output = unsafe { guards.as_mut().finish(chosen, Chosen { ends: this.ends }) }?;
         guards.each(0, &mut Withdrawing { turn });
-        Some(Poll::Ready(chosen))
+        this.state = State::Over;
+        Some(Poll::Ready(output))
     }
 
     /// Polls wherever the process is, and whatever is offered.

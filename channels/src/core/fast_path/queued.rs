@@ -54,20 +54,20 @@ pub(super) unsafe fn meet_otherwise<const SEND: bool>(
     }
 }
 
-/// Lets a partner go that an alternative has met, after the value was moved. The lock was kept.
+/// Lets a partner go that waits alone and that an alternative has met, after the value was moved.
+/// The lock was kept.
 ///
 /// # Safety
 ///
-/// This thread has kept the lock, and the value was moved. The partner waits alone, or is the first
-/// of its queue and a plain operation, of which [`Waiter::has_plain_wake_handle`] is true.
+/// This thread has kept the lock, and the value was moved. The partner waits alone.
 #[inline(always)]
-pub(crate) unsafe fn part_from(
+pub(crate) unsafe fn part_alone(
     wait_point: &WaitPoint,
     partner: NonNull<WaitNode>,
     by_sender: bool,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the lock was kept, the value was moved, and the partner still waits, as is demanded
+    // SAFETY: the lock was kept, the value was moved, and the partner waits alone, as is demanded
     // here and there.
     unsafe {
         match by_sender {
@@ -79,41 +79,43 @@ pub(crate) unsafe fn part_from(
 
 /// # Safety
 ///
-/// As for [`part_from`]: the lock was kept, the value was moved, and the partner still waits.
+/// As for [`part_alone`]: the lock was kept, the value was moved, and the partner waits alone.
 #[inline(never)]
 unsafe fn part_kept<const SEND: bool>(
     wait_point: &WaitPoint,
     partner: NonNull<WaitNode>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once, or kept again for `part_queued`. A partner
-    // that is noted as alone is the one that was met: the lock was not left since.
-    unsafe {
-        let lists = wait_point.kept(turn);
-        if lists.waiting.one(!SEND).is_none() {
-            lists.keep();
-            return part_queued::<SEND>(wait_point, turn);
-        }
-        part::<SEND>(wait_point, lists, partner, turn)
-    }
+    // SAFETY: the lock was kept, and is taken back once. The partner waits alone, as `part`
+    // demands.
+    unsafe { part::<SEND>(wait_point, wait_point.kept(turn), partner, turn) }
 }
 
-/// As [`part_kept`], for a partner that is the first of its queue.
+/// As [`part_alone`], for the first partner of a queue.
 ///
 /// # Safety
 ///
-/// As for [`part_from`]: the lock was kept, the value was moved, and the first of the queue still
-/// waits.
+/// This thread has kept the lock, and the value was moved. The partner is the first of its queue
+/// and a plain operation, of which [`Waiter::has_plain_wake_handle`] is true.
 #[cold]
 #[inline(never)]
-unsafe fn part_queued<const SEND: bool>(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
+pub(crate) unsafe fn part_queued(
+    wait_point: &WaitPoint,
+    by_sender: bool,
+    turn: PlainTurn<'_>,
+) -> FastPath {
     // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
     // without a buffer, where `look_at_queues` has found a partner. It was taken off, as `depart`
     // demands.
     unsafe {
         let mut lists = wait_point.kept(turn);
-        match take_first(lists.waiting_for::<SEND>(), turn) {
-            Some(Some(partner)) => depart::<SEND>(wait_point, lists, partner, turn),
+        let queue = match by_sender {
+            true => lists.waiting_for::<true>(),
+            false => lists.waiting_for::<false>(),
+        };
+        match (take_first(queue, turn), by_sender) {
+            (Some(Some(partner)), true) => depart::<true>(wait_point, lists, partner, turn),
+            (Some(Some(partner)), false) => depart::<false>(wait_point, lists, partner, turn),
             _ => unreachable!("the first of a queue has changed under the lock"),
         }
     }
