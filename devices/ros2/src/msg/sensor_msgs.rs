@@ -1,7 +1,8 @@
 //! Interfaces of the package `sensor_msgs`.
 
 luna_ros2::message! {
-    /// What an inertial sensor measures. A covariance whose first element is -1 belongs to no estimate.
+    /// What an inertial sensor measures. A covariance whose first element is -1 belongs to no
+    /// estimate.
     #[derive(Default)]
     pub struct Imu: "sensor_msgs/msg/Imu" {
         /// When and where.
@@ -22,7 +23,8 @@ luna_ros2::message! {
 }
 
 luna_ros2::message! {
-    /// The state of joints. Each list is as long as the names, or empty if that quantity is not known.
+    /// The state of joints. Each list is as long as the names, or empty if that quantity is not
+    /// known.
     #[derive(Default)]
     pub struct JointState: "sensor_msgs/msg/JointState" {
         /// When, and where.
