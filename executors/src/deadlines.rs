@@ -1,7 +1,7 @@
 //! How an executor finds out that a deadline is due, without reading the clock before each poll.
 //!
-//! A bit of the word that each round looks at anyway ([`Inbound`]) requests a look at the
-//! deadlines. It is set in one of two ways:
+//! A bit of the word that each round looks at anyway ([`Inbound`](crate::inbound::Inbound))
+//! requests a look at the deadlines. It is set in one of two ways:
 //!
 //! ```text
 //!               a deadline is armed, or the executor wakes and has one

@@ -29,7 +29,8 @@ pub(super) struct LevelNow {
 pub(super) struct Inheritance {
     /// Set for the first [`Inheritor`](super::Inheritor) of the process, since most have none.
     thread: AtomicPtr<ExecutorThread>,
-    /// The waits of the process for objects with a holder: see [`Inheritor::begin_wait`].
+    /// The waits of the process for objects with a holder: see
+    /// [`Inheritor::begin_wait`](super::Inheritor::begin_wait).
     pub(super) waits: UnsafeCell<WaitList>,
     counts: UnsafeCell<Counts>,
 }

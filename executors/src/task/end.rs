@@ -164,8 +164,8 @@ pub(super) unsafe fn retire(task: NonNull<Task>) {
 ///
 /// # Safety
 ///
-/// As [`Methods::free`] says: the process has ended, and there is no reference to it. `owner` is
-/// the task.
+/// As `free` of [`Methods`](luna_core::current::Methods) says: the process has ended, and there is
+/// no reference to it. `owner` is the task.
 pub(super) unsafe fn free(owner: NonNull<()>) {
     // SAFETY: the caller promises that the process has ended and has no reference, so nothing reads
     // its waker any more. That waker keeps the task until it is dropped, which is the last step

@@ -80,11 +80,12 @@ impl Tasks {
 ///
 /// # Invariants
 ///
-/// It is the first field of a [`Whole`], in [memory] of its own. All pointers to it, and to its
-/// record, derive from the pointer to the whole. There is a borrow of all of it only once it is
-/// built, and then it has a wake slot. Only the executor's thread touches a body that is built and
-/// has not ended. The record's references keep the whole. The process has an owner, the task, and
-/// until it has ended and has no reference a waker, which is one of the record's references.
+/// It is the first field of a [`Whole`](body::Whole), in [memory] of its own. All pointers to it,
+/// and to its record, derive from the pointer to the whole. There is a borrow of all of it only
+/// once it is built, and then it has a wake slot. Only the executor's thread touches a body that is
+/// built and has not ended. The record's references keep the whole. The process has an owner, the
+/// task, and until it has ended and has no reference a waker, which is one of the record's
+/// references.
 #[repr(C)]
 struct Task {
     /// First, so that task and process have the same address.

@@ -10,7 +10,8 @@ use core::ptr::NonNull;
 use luna_core::current::PlainTurn;
 use luna_core::wait_list::WaitNode;
 
-/// Lists the guards, none of which is ready, and releases the locks that [`Looks`] have kept.
+/// Lists the guards, none of which is ready, and releases the locks that [`Looks`](super::Looks)
+/// have kept.
 #[derive(Debug)]
 pub(in crate::alternative) struct Listing<'a> {
     turn: PlainTurn<'a>,

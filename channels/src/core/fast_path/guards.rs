@@ -10,12 +10,14 @@ use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
 
-/// As [`meet`], where a guard waits alone for an operation of this side. The lock was kept. Rare
-/// cases are left to functions that are called last, so that no register is saved for them.
+/// As [`meet`](super::meet), where a guard waits alone for an operation of this side. The lock was
+/// kept. Rare cases are left to functions that are called last, so that no register is saved for
+/// them.
 ///
 /// # Safety
 ///
-/// As for [`meet`]; the lock was kept, and `guard` waits alone for an operation of this side.
+/// As for [`meet`](super::meet); the lock was kept, and `guard` waits alone for an operation of
+/// this side.
 #[inline(never)]
 pub(super) unsafe fn meet_guard<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -133,9 +135,9 @@ pub(in crate::core) fn not_committed(
 ///
 /// # Safety
 ///
-/// As for [`meet`]; the lock was kept. The alternative was committed through this guard, which is
-/// noted nowhere any more, or through this entry of a registered one; it is not settled. `ready` is
-/// its wake.
+/// As for [`meet`](super::meet); the lock was kept. The alternative was committed through this
+/// guard, which is noted nowhere any more, or through this entry of a registered one; it is not
+/// settled. `ready` is its wake.
 #[cold]
 #[inline(never)]
 pub(in crate::core) unsafe fn give_revoked<const SEND: bool>(

@@ -8,11 +8,11 @@ use core::ptr::NonNull;
 use luna_core::current::PlainTurn;
 use luna_core::wait_list::WaitNode;
 
-/// As [`meet`], where neither nothing nor a partner waits alone. The lock was kept.
+/// As [`meet`](super::meet), where neither nothing nor a partner waits alone. The lock was kept.
 ///
 /// # Safety
 ///
-/// As for [`meet`]: of `channel` and `node`. The lock was kept.
+/// As for [`meet`](super::meet): of `channel` and `node`. The lock was kept.
 #[cold]
 #[inline(never)]
 pub(super) unsafe fn meet_otherwise<const SEND: bool>(
