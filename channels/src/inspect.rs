@@ -291,7 +291,8 @@ fn stopped() -> Option<WaitPointView> {
     #[cfg(not(loom))]
     while !crate::alternative::with_stopped(|list| {
         waiting.clear();
-        copy_list(list, Role::Stopped, |_| true, &mut waiting)
+        // SAFETY: the list is lent under its lock.
+        unsafe { copy_list(list, Role::Stopped, |_| true, &mut waiting) }
     }) {
         waiting.reserve(waiting.capacity().max(8) * 2);
     }
@@ -373,13 +374,17 @@ fn copy_waiting(lists: &mut WaitQueues, kind: WaitPointKind, into: &mut Vec<Wait
         // type of their values is.
         let waits = |node: NonNull<WaitNode>| unsafe { is_waiting(node.cast()) };
         // A held sender waits, also if it is an alternative, which has chosen this guard.
-        copy_list(list, role, |node| role == Role::Held || waits(node), into)
+        // SAFETY: the queues are borrowed from under their lock.
+        unsafe { copy_list(list, role, |node| role == Role::Held || waits(node), into) }
     })
 }
 
-/// Copies those in `list` that wait indeed, if there is room for all. The caller holds the lock of
-/// `list`.
-fn copy_list(
+/// Copies those in `list` that wait indeed, if there is room for all.
+///
+/// # Safety
+///
+/// The lock that guards the nodes of `list` is held.
+unsafe fn copy_list(
     list: &WaitList,
     role: Role,
     waits: impl Fn(NonNull<WaitNode>) -> bool,
@@ -388,7 +393,8 @@ fn copy_list(
     list.nodes().all(|node| {
         let has_room = into.len() < into.capacity();
         if has_room && waits(node) {
-            // SAFETY: the node is in the list, and the caller holds the lock that guards it.
+            // SAFETY: the node is in the list, and the lock that guards it is held, as is demanded
+            // here.
             let user = unsafe { node.as_ref() }.user();
             into.push(Waiting::new(user, role));
         }

@@ -6,7 +6,7 @@
 //! choice made, take the stale node off their list, and look at the next waiter.
 //!
 //! ```text
-//!   CLOSED --owner lists its nodes--> OPEN --partner or owner, one exchange--> CHOSEN(guard)
+//!   CLOSED --owner opens, lists nodes--> OPEN --partner or owner, one exchange--> CHOSEN(guard)
 //! ```
 //!
 //! A compare-and-swap does not suffice if a partner may commit several select states at once, or

@@ -23,7 +23,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 use std::task::Context;
 
-/// A busy thread looks at its files once in this many polls: a look costs half a microsecond.
+/// A busy thread looks at its files once in this many rounds: a look costs half a microsecond.
 const ROUNDS_PER_LOOK: u32 = 64;
 
 /// Makes what this thread needs to wait for files, so that its first wait does not have to on the

@@ -165,8 +165,8 @@ impl<'a> Terms<'a> {
 /// # Safety
 ///
 /// The wait point of its terms outlives the guard. A guard that is dropped while it is listed takes
-/// its node off the list. The steps that are there are those of a guard without a wait point; one
-/// that has a wait point brings its own `list`, `withdraw` and `poll_chosen`.
+/// its node off the list. The default methods suit a guard without a wait point. One that
+/// has a wait point brings its own `list`, `withdraw` and `poll_chosen`.
 pub unsafe trait RawGuard {
     /// What is to be considered. The same in all calls.
     fn terms(&self) -> Terms<'_>;

@@ -41,7 +41,7 @@ struct Round {
     /// Number of parties that have come, and wait in the list of senders.
     arrived: usize,
     /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their
-    /// selections.
+    /// select states.
     offering: usize,
     /// Number of completed rounds. A party that waits with another number may go, and is in the
     /// list `held`.

@@ -4,7 +4,7 @@
 //! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
 //! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
 //! is cloned or called; at most one alternative is registered, no call is served, no buffer
-//! overwrites; the process is neither recorded nor has a replay log. Whenever one of these
+//! overwrites; the process is neither traced nor has a replay log. Whenever one of these
 //! conditions does not hold, no value has moved, and the operation takes the slow path.
 //!
 //! ```text

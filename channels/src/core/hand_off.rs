@@ -98,7 +98,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// The lock is held. One node, or its slot, holds a value for the other.
+    /// The lock is held. `node` is new, and `partner` waits on the hand-off slot of the other side.
+    /// One of them, or its slot, holds a value for the other.
     #[inline(always)]
     unsafe fn move_by_slot(
         &self,

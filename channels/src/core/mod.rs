@@ -195,7 +195,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` was listed in this channel, on the side given by `of_sender`.
+    /// The caller is the future of `node`, which was listed in this channel, on the side given by
+    /// `of_sender`.
     #[must_use = "the handle's drop is user code, and the caller's last step"]
     pub(crate) unsafe fn withdraw(
         &self,
@@ -232,7 +233,7 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` was listed in this channel and was not withdrawn.
+    /// The caller is the future of `node`, which was listed in this channel and was not withdrawn.
     pub(crate) unsafe fn update_wake_handle(
         &self,
         node: NonNull<Waiter<T>>,
@@ -249,8 +250,7 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for `update_wake_handle`: `node` was listed in this channel and was not withdrawn.
-    /// `locked` is that of this channel.
+    /// As for `update_wake_handle`: of the caller and `node`. `locked` is that of this channel.
     unsafe fn renew_wake_handle(
         &self,
         mut locked: Option<Locked<'_, T>>,

@@ -109,12 +109,13 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `entry` was begun, is live, in no wait point's list, and no other thread accesses it.
+    /// `entry` was begun, is live, in no wait point's list, and no other thread accesses it, but
+    /// for its `listed` and `core`, which a chain reads under the lock of the process' boosts.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
         // SAFETY: the entry is live, in no wait point's list, and only its future accesses it but
         // for `listed`, as is demanded here. Until that is taken out, others may access its node
-        // under its executor's lock, so only the inheritor is referred to; it is that of the
-        // process with which `begin` has listed the node.
+        // under the lock of its executor's boosts, so only the inheritor is referred to; it is that
+        // of the process with which `begin` has listed the node.
         unsafe {
             let this = entry.as_ptr();
             if (*this).is_listed {
@@ -134,8 +135,8 @@ impl Entry {
     /// `node` was listed by [`begin`](Self::begin), and the lock of the process' executor is held.
     pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> NonNull<Entry> {
         // SAFETY: the node is listed with a process, as is demanded here, so it begins a `Listed`.
-        // Its owner needs the executor's lock, which is held, to take it off: so it is live, and
-        // `entry` does not change.
+        // Its owner needs the lock of the executor's boosts, which is held, to take it off: so it
+        // is live, and `entry` does not change.
         unsafe { (*node.cast::<Listed>().as_ptr()).entry }
     }
 

@@ -44,7 +44,7 @@ pub(super) struct ExecutorThread {
     is_plain: bool,
 }
 
-/// The state under the executor's lock.
+/// The boosts of a thread, under the lock `ExecutorThread::boosts`.
 pub(super) struct Boosts {
     own: Scheduling,
     /// The waits of the thread itself, if it is a plain one.
@@ -121,9 +121,9 @@ impl ExecutorThread {
         self.now.load(Ordering::Relaxed)
     }
 
-    /// Changes the boosts under the executor's lock, and sets the thread's priority if the highest
-    /// one changes. That happens under the lock too: two concurrent system calls could leave the
-    /// thread at the wrong priority.
+    /// Changes the boosts under the lock of the executor's boosts, and sets the thread's priority
+    /// if the highest one changes. That happens under the lock too: two concurrent system calls
+    /// could leave the thread at the wrong priority.
     pub(super) fn change(&self, change: impl FnOnce(&mut Boosts)) {
         let mut boosts = self.boosts.lock();
         change(&mut boosts);
@@ -139,7 +139,7 @@ impl ExecutorThread {
         }
     }
 
-    /// Accesses the state under the executor's lock.
+    /// Accesses the state under the lock of the executor's boosts.
     pub(super) fn with<R>(&self, look: impl FnOnce(&mut Boosts) -> R) -> R {
         look(&mut self.boosts.lock())
     }

@@ -152,9 +152,9 @@ impl Inheritance {
     ///
     /// # Safety
     ///
-    /// The executor's lock is held.
+    /// The lock of the executor's boosts is held.
     pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, boost: Boost, more: bool) -> bool {
-        // SAFETY: the caller holds the executor's lock, which guards the counts.
+        // SAFETY: the caller holds the lock of the executor's boosts, which guards the counts.
         let counts = unsafe { &mut *self.counts.get() };
         let own = own & LEVEL;
         let count = match boost {

@@ -239,10 +239,10 @@ impl Inheritor {
         let mut counted = false;
         thread.change(|state| {
             // Count the new boost first, so that the thread is never without either. SAFETY: the
-            // executor's lock is held.
+            // lock of the executor's boosts is held.
             counted = unsafe { self.count(state, to, true) };
             if before != Boost::Nothing {
-                // SAFETY: the executor's lock is held.
+                // SAFETY: the lock of the executor's boosts is held.
                 unsafe { self.count(state, before, false) };
             }
         });
@@ -332,7 +332,7 @@ impl Inheritor {
         Some(self.thread()?.with(|state| match &self.to {
             To::Process(reference) => {
                 let waits = reference.process().inheritance().waits.get();
-                // SAFETY: the executor's lock is held, which guards the list.
+                // SAFETY: the lock of the executor's boosts is held, which guards the list.
                 look(unsafe { &mut *waits })
             }
             To::Thread(_) => look(&mut state.waits),

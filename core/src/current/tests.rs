@@ -261,7 +261,7 @@ fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
 }
 
 #[test]
-fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
+fn a_traced_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
     let executor_id = ExecutorId::new();
     let _entered = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
     let process = &Aligned(Process::new(ProcessId::new(), executor_id, 0, 3)).0;
@@ -276,7 +276,7 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
     unsafe {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
         process.set_owner(NonNull::from(process).cast(), &METHODS);
-        process.set_recorded();
+        process.set_traced();
         process.ready_at(3, QueueEnd::Back);
         process.ready_at(3, QueueEnd::Back);
         for _ in 0..2 {
@@ -284,7 +284,7 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
             assert_eq!(next_ready(), None, "it is queued once");
             let cx = Context::from_waker(next.as_ref().waker().expect("it was set above"));
             give_turn(next.as_ref(), || {
-                process.keep_recorded();
+                process.keep_traced();
                 assert!(plain_turn(&cx).is_none());
                 ready_again(&cx, QueueEnd::Back);
             });

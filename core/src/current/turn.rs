@@ -193,7 +193,7 @@ impl<'a> PlainTurn<'a> {
 luna_platform::debug_fields!(PlainTurn<'_>, |turn| process: turn.process());
 
 /// The current process, if its turn is a plain one: the process is an executor's, `cx` has its own
-/// waker and no combinator's, its events are not recorded and it has no replay log, and the branch
+/// waker and no combinator's, its events are not traced and it has no replay log, and the branch
 /// that is being polled, if any, has not failed and runs at the process' level. Nearly all polls
 /// are plain. One compare: the waker lies in the process, so its address says which process it is.
 #[inline(always)]

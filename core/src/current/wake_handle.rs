@@ -303,16 +303,18 @@ impl WakeHandle {
 
     /// Readies a process of another thread, or returns the wake of its thread.
     ///
-    /// The caller has checked that it is not [woken once](Self::is_woken_once).
-    pub(super) fn wake_elsewhere(&self) -> PendingWake {
+    /// # Safety
+    ///
+    /// It is not [woken once](Self::is_woken_once): so the process is not of this thread.
+    pub(super) unsafe fn wake_elsewhere(&self) -> PendingWake {
         match &self.0 {
             // The waker of a parker: no user code.
             Inner::Waker(waker) => {
                 PendingWake(Some(Inner::Waker(Foreign::new((*waker.0).clone()))))
             }
             Inner::Process(reference) => {
-                // SAFETY: the reference keeps the process' memory, and the caller has checked that
-                // it is not of this thread.
+                // SAFETY: the reference keeps the process' memory, and the process is not of this
+                // thread, as is demanded here.
                 unsafe { reference.process().ready_elsewhere(reference.lowered()) };
                 PendingWake::NONE
             }

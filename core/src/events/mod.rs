@@ -1,13 +1,13 @@
 //! Events of the processes of a thread: the contract between the operations and a logger.
 //!
-//! A thread that is recorded has a ring, made before it runs processes (`attach`). An operation
+//! A thread that is traced has a ring, made before it runs processes (`attach`). An operation
 //! [reports](report) an event by its code, its subject and two numbers; a time stamp is added. The
 //! logger's documentation describes the events.
 //!
 //! Without the feature `events` this costs no code and no memory. With it, a thread that is not
-//! recorded executes one predictable branch for each event. On the fast path there is a single one,
+//! traced executes one predictable branch for each event. On the fast path there is a single one,
 //! when an operation that has waited goes on. Turns, wakes and communications within one executor
-//! use separate functions in a [recorded](crate::current::Process::set_recorded) process; bytes
+//! use separate functions in a [traced](crate::current::Process::set_traced) process; bytes
 //! that are read anyway select them.
 //!
 //! The other half are names: the code that makes a process, a channel or a loop [names](name) it,

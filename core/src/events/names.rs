@@ -71,7 +71,7 @@ impl Names {
         self.id
     }
 
-    /// As [`ring`](super::ring), of a thread or executor that is recorded for this listener.
+    /// As [`ring`](super::ring), of a thread or executor that is traced for this listener.
     ///
     /// ```
     /// use luna_core::events;

@@ -1,9 +1,9 @@
-//! A thread without the feature `events`: it is never recorded.
+//! A thread without the feature `events`: it is never traced.
 
 use super::Kind;
 use alloc::string::String;
 
-/// Whether the calling thread is recorded: never.
+/// Whether the calling thread is traced: never.
 #[inline(always)]
 pub const fn is_on() -> bool {
     false

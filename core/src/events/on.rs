@@ -21,7 +21,7 @@ impl Drop for Attached {
     }
 }
 
-/// Whether the calling thread is recorded. One load.
+/// Whether the calling thread is traced. One load.
 #[inline(always)]
 pub fn is_on() -> bool {
     !RING.get().is_null()
@@ -46,7 +46,7 @@ pub fn attach(writer: Writer) {
     exchange(Some(writer));
 }
 
-/// From now on the calling thread is not recorded.
+/// From now on the calling thread is not traced.
 pub fn detach() {
     exchange(None);
 }
@@ -61,7 +61,7 @@ fn exchange(writer: Option<Writer>) -> Option<Writer> {
         RING.set(ring);
         before
     });
-    // A thread that is ending is recorded no more.
+    // A thread that is ending is traced no more.
     before.ok().flatten()
 }
 
@@ -90,7 +90,7 @@ pub(super) fn put(of: u16, subject: u32, arguments: [u64; 2]) {
     }
 }
 
-/// Whether the calling thread is recorded for this listener: see [`Names::id`].
+/// Whether the calling thread is traced for this listener: see [`Names::id`].
 #[inline]
 pub fn is_for(listener: u64) -> bool {
     place().is_some_and(|(whose, _)| whose == listener)

@@ -11,7 +11,7 @@ pub const TEXT_HEAD: u16 = 0xFF00;
 /// Not an event, but a part of a name.
 pub const TEXT: u16 = 0xFF01;
 
-/// Reports an event of the calling thread, if the thread is recorded. Real-time path: yes;
+/// Reports an event of the calling thread, if the thread is traced. Real-time path: yes;
 /// wait-free, O(1).
 #[inline(always)]
 pub fn report(of: u16, subject: u32, arguments: impl FnOnce() -> [u64; 2]) {

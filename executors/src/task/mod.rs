@@ -169,8 +169,8 @@ unsafe fn start(task: NonNull<Task>, methods: &'static Methods) {
         let notices = this.record.notices();
         if notices != 0 {
             this.process.notify(notices);
-            if notices & Notice::RECORDED != 0 {
-                this.process.set_recorded();
+            if notices & Notice::TRACED != 0 {
+                this.process.set_traced();
             }
         }
         this.record.set_process(NonNull::from(&*this.process));
@@ -271,7 +271,7 @@ pub(crate) unsafe fn run(owner: NonNull<()>) -> Option<NonNull<()>> {
 }
 
 /// Ends a turn in which the process has ended or failed, or has yielded while it was queued. Or the
-/// turn is recorded.
+/// turn is traced.
 ///
 /// # Safety
 ///
@@ -290,7 +290,7 @@ unsafe fn finish_turn(task: NonNull<Task>) {
         process.end_turn();
         let notices = process.notices();
         if !process.has_ended() {
-            if notices & Notice::RECORDED != 0 {
+            if notices & Notice::TRACED != 0 {
                 events::end_turn(process.id().get(), process.is_queued());
             }
         } else if notices & Notice::ENDED == 0 {
@@ -317,7 +317,7 @@ pub(crate) unsafe fn end_turns() {
     }
 }
 
-/// Polls a process that was cancelled, has a poll monitor, or has its turns recorded. One that has
+/// Polls a process that was cancelled, has a poll monitor, or has its turns traced. One that has
 /// ended while it was queued is not polled: it retires after this turn.
 ///
 /// # Safety
@@ -340,12 +340,12 @@ unsafe fn poll_attentively(owner: NonNull<()>, cx: &mut Context<'_>) {
             this.process.uncount_poll();
         }
         let notices = this.process.notices();
-        if notices & Notice::RECORDED != 0 {
+        if notices & Notice::TRACED != 0 {
             events::begin_turn(this.process.id().get());
-            this.process.keep_recorded();
+            this.process.keep_traced();
         }
         let poll = this.process.methods().poll;
-        if events::is_on() && notices == Notice::RECORDED {
+        if events::is_on() && notices == Notice::TRACED {
             return poll(owner, cx);
         }
         let abandoned = process::poll_attentively(&this.record, cx, |cx| {

@@ -67,7 +67,8 @@ impl Visit for Listing<'_> {
 ///
 /// # Safety
 ///
-/// The node was begun to wait alone, and is not listed. It is taken off before it goes.
+/// The node was begun as a guard that waits alone, and is not listed. It is taken off before it
+/// goes.
 #[cold]
 #[inline(never)]
 unsafe fn list_in_queue(lists: &mut WaitQueues, node: NonNull<WaitNode>, of_sender: bool) {

@@ -8,7 +8,7 @@ use core::ptr::NonNull;
 use luna_core::current::PlainTurn;
 use luna_core::wait_list::WaitNode;
 
-/// As [`meet`](super::meet), where neither nothing nor a partner waits alone. The lock was kept.
+/// As [`meet`](super::meet), where something waits, but no partner alone. The lock was kept.
 ///
 /// # Safety
 ///
@@ -95,8 +95,9 @@ unsafe fn part_kept<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// This thread has kept the lock, and the value was moved. The partner is the first of its queue
-/// and a plain operation, of which [`Waiter::has_plain_wake_handle`] is true.
+/// This thread has kept the lock, of a plain channel without a buffer, and the value was moved. The
+/// partner is the first of its queue and a plain operation, of which
+/// [`Waiter::has_plain_wake_handle`] is true.
 #[cold]
 #[inline(never)]
 pub(crate) unsafe fn part_queued(
@@ -105,8 +106,7 @@ pub(crate) unsafe fn part_queued(
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
-    // without a buffer, where `look_at_queues` has found a partner. It was taken off, as `depart`
-    // demands.
+    // without a buffer, as is demanded here. The partner was taken off, as `depart` demands.
     unsafe {
         let mut lists = wait_point.kept(turn);
         let queue = match by_sender {

@@ -63,7 +63,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             // SAFETY: a node in the list of receivers is a live waiter that the lock guards.
             may_hold || !unsafe { (*Waiter::<T>::link(node.cast())).extended }
         };
-        // SAFETY: the nodes in the list are waiters.
+        // SAFETY: the nodes in the list are waiters of this channel, whose lock is held.
         unsafe { commit_first::<T>(&mut self.lists.receivers, accepts) }
     }
 
@@ -80,7 +80,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         receiver: Option<NonNull<Waiter<T>>>,
         extended: bool,
     ) -> Attempted {
-        // SAFETY: the nodes in the list are senders' waiters, which hold or make their value once.
+        // SAFETY: the nodes in the list are senders' waiters of this channel, whose lock is held.
+        // They hold or make their value once.
         unsafe {
             let Some(sender) = commit_first::<T>(&mut self.lists.senders, |_| true) else {
                 return Attempted::NotNow;

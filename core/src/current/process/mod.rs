@@ -71,9 +71,9 @@ enum Kind {
     Lone,
     /// It shares its thread with others, and is queued in the run queue there.
     Owned,
-    /// As `Owned`, and its [events](crate::events) are recorded. It uses separate functions, so
+    /// As `Owned`, and its [events](crate::events) are traced. It uses separate functions, so
     /// that the common ones need no test.
-    Recorded,
+    Traced,
 }
 
 /// The control block of a process. It stays at one address for the process' whole life.
@@ -217,21 +217,21 @@ impl Process {
         unsafe { self.methods.get().unwrap_unchecked() }
     }
 
-    /// Records the events of this process, if those of its thread are recorded. Each turn needs
-    /// [`keep_recorded`](Self::keep_recorded) again.
+    /// Traces the events of this process, if those of its thread are traced. Each turn needs
+    /// [`keep_traced`](Self::keep_traced) again.
     ///
     /// # Safety
     ///
     /// This is the executor's thread, which has an owner for it ([`set_owner`](Self::set_owner))
     /// and has not readied it yet.
-    pub unsafe fn set_recorded(&self) {
+    pub unsafe fn set_traced(&self) {
         debug_assert!(self.is_owned());
-        self.kind.set(Kind::Recorded);
+        self.kind.set(Kind::Traced);
         // SAFETY: the caller promises that this is the executor's thread.
-        unsafe { self.keep_recorded() };
+        unsafe { self.keep_traced() };
     }
 
-    /// Marks a process as [recorded](Self::set_recorded) at the beginning of a turn: the store that
+    /// Marks a process as [traced](Self::set_traced) at the beginning of a turn: the store that
     /// begins a turn clears the mark.
     ///
     /// # Safety
@@ -239,9 +239,9 @@ impl Process {
     /// This is the executor's thread. On another thread this could lose a concurrent change of the
     /// state, and the process would be queued twice.
     #[inline]
-    pub unsafe fn keep_recorded(&self) {
+    pub unsafe fn keep_traced(&self) {
         let now = self.state.load(Ordering::Relaxed);
-        self.state.store(now | state::RECORDED, Ordering::Relaxed);
+        self.state.store(now | state::TRACED, Ordering::Relaxed);
         super::THREAD.with(|thread| {
             if thread.process.get() == Some(NonNull::from(self)) {
                 thread.plain.set(ptr::null());
@@ -318,7 +318,7 @@ impl Process {
     }
 
     /// As [`waker_address`](Self::waker_address), if its turns are plain ones: it can be readied
-    /// without its waker, and its events are not recorded.
+    /// without its waker, and its events are not traced.
     #[inline]
     pub(super) fn waker_of_plain_turns(&self) -> Option<*const Waker> {
         (self.kind.get() == Kind::Owned).then(|| self.waker_address())
@@ -342,7 +342,7 @@ impl Process {
     /// Whether it can be readied without its waker.
     #[inline]
     pub(super) fn is_owned(&self) -> bool {
-        matches!(self.kind.get(), Kind::Owned | Kind::Recorded)
+        matches!(self.kind.get(), Kind::Owned | Kind::Traced)
     }
 
     /// Whether references to it are counted, and keep its memory.
@@ -360,10 +360,10 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// The executor's lock is held.
+    /// The lock of the executor's boosts is held.
     pub(super) unsafe fn count_boost(&self, boost: Boost, more: bool) -> bool {
         let before = events::is_on().then(|| self.level.get());
-        // SAFETY: the caller holds the executor's lock, which guards the counts.
+        // SAFETY: the caller holds the lock of the executor's boosts, which guards the counts.
         let is_counted = unsafe {
             self.inheritance
                 .count(&self.level, self.own_level, boost, more)

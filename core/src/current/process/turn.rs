@@ -19,8 +19,8 @@ pub(in crate::current) mod state {
     pub(in crate::current) const ENDED: u8 = 4;
     /// It was never polled.
     pub(in crate::current) const NEW: u8 = 8;
-    /// Its wakes are recorded as events.
-    pub(in crate::current) const RECORDED: u8 = 16;
+    /// Its wakes are traced as events.
+    pub(in crate::current) const TRACED: u8 = 16;
     /// It is queued when its turn is over, behind the others of its level.
     pub(in crate::current) const YIELDED: u8 = 32;
     /// Its executor ends it after this turn.
@@ -35,7 +35,7 @@ pub enum AfterTurn {
     /// It has yielded to this process, which runs next.
     Next(NonNull<()>),
     /// It has ended or [failed](fail_current), has yielded while it was queued, or its events are
-    /// recorded: the turn is [to be ended](Process::end_turn).
+    /// traced: the turn is [to be ended](Process::end_turn).
     More,
 }
 
@@ -100,7 +100,7 @@ impl Process {
     #[inline]
     pub unsafe fn ready_at(&self, level: u8, place: QueueEnd) -> bool {
         let now = self.state.load(Ordering::Relaxed);
-        if now & (state::QUEUED | state::YIELDED | state::ENDED | state::RECORDED) != 0 {
+        if now & (state::QUEUED | state::YIELDED | state::ENDED | state::TRACED) != 0 {
             // SAFETY: the caller's promises are those that `ready_more` requires.
             return unsafe { self.ready_more(level, place) };
         }
@@ -111,8 +111,8 @@ impl Process {
 
     /// # Safety
     ///
-    /// As for [`ready_at`](Self::ready_at), of thread, place and `level`; and the state is `now`:
-    /// neither queued nor ended.
+    /// As for [`ready_at`](Self::ready_at), of the thread, the process and `level`; and the state
+    /// is `now`: neither queued nor ended.
     #[inline(always)]
     pub(in crate::current) unsafe fn queue_at(&self, now: u8, level: u8, place: QueueEnd) {
         self.state
@@ -184,7 +184,7 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded), and the
+    /// This is the executor's thread, as for [`keep_traced`](Self::keep_traced), and the
     /// process has its turn.
     #[inline]
     pub unsafe fn end_turn(&self) {
@@ -295,7 +295,7 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded).
+    /// This is the executor's thread, as for [`keep_traced`](Self::keep_traced).
     pub unsafe fn set_ended(&self) {
         let now = self.state.load(Ordering::Relaxed) & !state::YIELDED;
         self.state.store(now | state::ENDED, Ordering::Relaxed);
@@ -317,7 +317,7 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// The process is counted by references, and this is not its executor's thread.
+    /// The caller holds a counted reference to the process, and this is not its executor's thread.
     #[inline]
     pub(in crate::current) unsafe fn ready_elsewhere(&self, lowered: u8) {
         // SAFETY: the caller holds a reference, so the owner was not freed; this is another thread

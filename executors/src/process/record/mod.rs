@@ -44,8 +44,8 @@ impl Notice {
     pub(crate) const CANCELLED: u8 = 1;
     pub(crate) const TIMED: u8 = 2;
     pub(crate) const ENDED: u8 = 4;
-    /// Its turns are recorded: see [`events`].
-    pub(crate) const RECORDED: u8 = 8;
+    /// Its turns are traced: see [`events`].
+    pub(crate) const TRACED: u8 = 8;
 }
 
 /// The part of a process that outlives its body: the head of a task, or in a box.
@@ -256,8 +256,8 @@ impl Record {
         } else {
             0
         };
-        let recorded = if events::is_on() { Notice::RECORDED } else { 0 };
-        timed | recorded | if cancelled { Notice::CANCELLED } else { 0 }
+        let traced = if events::is_on() { Notice::TRACED } else { 0 };
+        timed | traced | if cancelled { Notice::CANCELLED } else { 0 }
     }
 
     /// Whether the body has ended.
