@@ -21,13 +21,13 @@
 mod ending;
 mod fast_buffer;
 mod fast_path;
-mod guard;
 mod hand_off;
+mod locked;
 mod registered;
 
 pub(crate) use fast_path::{FastPath, Meet, part_alone, part_queued, wake_partner};
-pub(crate) use guard::{Attempted, ChannelGuard, Locked};
 pub(crate) use hand_off::HandOff;
+pub(crate) use locked::{Attempted, ChannelGuard, Locked};
 
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
