@@ -16,8 +16,8 @@ use luna_platform::thread::{Attributes, current_policy};
 use std::convert::Infallible;
 use std::time::Duration;
 
-/// Whether the locks of mutexes are biased to the executor: then a free mutex is locked and unlocked
-/// on the fast path.
+/// Whether the locks of mutexes are biased to the executor: then a free mutex is locked and
+/// unlocked on the fast path.
 const IS_BIASED: [bool; 2] = [false, true];
 
 /// Free mutexes of one executor, for processes that are spawned afterwards.
