@@ -137,6 +137,50 @@ fn a_wake_queues_the_parent_at_the_branch_s_level() {
     }
 }
 
+/// The process is queued already, at the level of a lower branch, when its first branch yields.
+#[test]
+fn a_branch_that_yields_after_it_has_woken_a_lower_one_comes_again_at_its_own_level() {
+    let _watch = watchdog();
+    let log = Log::default();
+    on_one_executor(|process| {
+        let (wake_last, last) = luna::channel::<()>();
+        let (wake_between, between) = luna::channel::<()>();
+        let (go, gone) = luna::channel::<()>();
+        let own = log.clone();
+        process("between", 9).spawn_ok(async move {
+            between.recv().await?;
+            own.add("between");
+            Ok(())
+        });
+        let own = log.clone();
+        process("parent", 10).spawn_ok(async move {
+            pri_par!(
+                async {
+                    gone.recv().await?; // the others wait too by then
+                    wake_last.try_send(())?;
+                    wake_between.try_send(())?;
+                    luna::yield_now().await;
+                    own.add("first");
+                    Ok::<_, Error>(())
+                },
+                async { Ok::<_, Error>(()) },
+                async {
+                    last.recv().await?;
+                    own.add("last");
+                    Ok::<_, Error>(())
+                },
+            )
+            .await?;
+            Ok(())
+        });
+        process("low", 1).spawn_ok(async move {
+            go.send(()).await?;
+            Ok(())
+        });
+    });
+    assert_eq!(log.all().join(" "), "first between last");
+}
+
 #[test]
 fn channels_serve_branches_by_their_levels() {
     let _watch = watchdog();

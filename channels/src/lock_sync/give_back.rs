@@ -52,7 +52,10 @@ impl Core {
         });
         lists.receiver = LastUser::NONE;
         drop(lists);
-        chain::end_boost(former);
+        debug_assert!(
+            former.is_none_or(|mut former| !former.give_back()),
+            "the boost is that of the first waiter, and none waits"
+        );
         true
     }
 

@@ -1,15 +1,22 @@
 //! Waiters are served by priority, then by arrival; and a communication lets the more urgent run.
-//! Golden orders on one executor.
+//! Golden orders on one executor, where new channels take the slow path, and those that were used
+//! for long the fast path.
 
 #![cfg(not(loom))]
 
 use crate::common;
 use common::Watchdog;
-use luna_channels::{Buffer, Receiver, Sender, buffered, channel};
+use luna_channels::{Barrier, Buffer, Receiver, Sender, buffered, channel, lock_sync};
 use luna_core::current::OPERATIONS_PER_POLL;
 use luna_executors::{Executor, Exit, ProcessHandle, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::{Arc, Mutex};
+
+/// So many uses by one executor that a lock is biased to it from some point on.
+const WARM: usize = 100;
+
+/// Whether a channel is new, or its lock biased to the executor.
+const IS_BIASED: [bool; 2] = [false, true];
 
 /// What happened, in order.
 #[derive(Clone, Default)]
@@ -54,6 +61,16 @@ impl Stage {
             .push(self.executor.spawn(spec, move || body(log)));
     }
 
+    /// Before other processes run, lets the lock of a channel be biased to the executor.
+    fn bias<T: Send + 'static>(&mut self, receiver: &Receiver<T>) {
+        let receiver = receiver.clone();
+        self.process(31, move |_| async move {
+            for _ in 0..WARM {
+                assert!(receiver.try_recv().is_err());
+            }
+        });
+    }
+
     /// Lets them run to their ends.
     #[track_caller]
     fn run(self) -> Vec<String> {
@@ -71,9 +88,17 @@ impl Stage {
 ///
 /// The director is at the lowest level: each gate that it opens lets a process run until it waits
 /// on the channel.
-fn order_of_service(levels: &'static [u8], they_send: bool, buffer: Option<Buffer>) -> Vec<String> {
+fn order_of_service(
+    levels: &'static [u8],
+    they_send: bool,
+    buffer: Option<Buffer>,
+    is_biased: bool,
+) -> Vec<String> {
     let mut stage = Stage::new();
     let (sender, receiver) = buffer.map_or_else(channel::<String>, buffered);
+    if is_biased {
+        stage.bias(&receiver);
+    }
     let mut gates = Vec::new();
     for (number, &level) in levels.iter().enumerate() {
         let (open, gate) = channel::<()>();
@@ -112,39 +137,48 @@ fn order_of_service(levels: &'static [u8], they_send: bool, buffer: Option<Buffe
 
 #[test]
 fn receivers_are_served_by_level_then_by_arrival() {
-    let order = order_of_service(&[5, 20, 10, 5, 31, 10, 20, 1], false, None);
-    assert_eq!(
-        order,
-        [
-            "4 at 31", "1 at 20", "6 at 20", "2 at 10", "5 at 10", "0 at 5", "3 at 5", "7 at 1"
-        ]
-    );
+    for is_biased in IS_BIASED {
+        let order = order_of_service(&[5, 20, 10, 5, 31, 10, 20, 1], false, None, is_biased);
+        assert_eq!(
+            order,
+            [
+                "4 at 31", "1 at 20", "6 at 20", "2 at 10", "5 at 10", "0 at 5", "3 at 5", "7 at 1"
+            ]
+        );
+    }
 }
 
 #[test]
 fn senders_are_served_by_level_then_by_arrival() {
-    let order = order_of_service(&[5, 20, 10, 5, 31, 10, 20, 1], true, None);
-    assert_eq!(
-        order,
-        [
-            "4 at 31", "1 at 20", "6 at 20", "2 at 10", "5 at 10", "0 at 5", "3 at 5", "7 at 1"
-        ]
-    );
+    for is_biased in IS_BIASED {
+        let order = order_of_service(&[5, 20, 10, 5, 31, 10, 20, 1], true, None, is_biased);
+        assert_eq!(
+            order,
+            [
+                "4 at 31", "1 at 20", "6 at 20", "2 at 10", "5 at 10", "0 at 5", "3 at 5", "7 at 1"
+            ]
+        );
+    }
 }
 
 #[test]
 fn those_that_wait_for_room_move_up_by_level_too() {
-    let order = order_of_service(&[5, 20, 10, 5], true, Some(Buffer::fifo(1)));
-    assert_eq!(
-        order,
-        ["buffered", "1 at 20", "2 at 10", "0 at 5", "3 at 5"]
-    );
+    for is_biased in IS_BIASED {
+        let order = order_of_service(&[5, 20, 10, 5], true, Some(Buffer::fifo(1)), is_biased);
+        assert_eq!(
+            order,
+            ["buffered", "1 at 20", "2 at 10", "0 at 5", "3 at 5"]
+        );
+    }
 }
 
 /// A process at `level` waits in a receive; then one at level 10 sends to it, when all others wait.
-fn send_to_a_receiver_at(level: u8) -> Vec<String> {
+fn send_to_a_receiver_at(level: u8, is_biased: bool) -> Vec<String> {
     let mut stage = Stage::new();
     let ((sender, receiver), (open, gate)) = (channel(), channel());
+    if is_biased {
+        stage.bias(&receiver);
+    }
     stage.process(level, move |log| async move {
         let value: u32 = receiver.recv().await.unwrap();
         log.add(format!("receiver has {value}"));
@@ -161,36 +195,33 @@ fn send_to_a_receiver_at(level: u8) -> Vec<String> {
 
 #[test]
 fn a_receiver_of_higher_level_runs_before_its_sender_goes_on() {
-    assert_eq!(
-        send_to_a_receiver_at(11),
-        ["before", "receiver has 7", "after"]
-    );
-    assert_eq!(
-        send_to_a_receiver_at(31),
-        ["before", "receiver has 7", "after"]
-    );
+    for (level, is_biased) in [(11, false), (31, false), (11, true), (31, true)] {
+        assert_eq!(
+            send_to_a_receiver_at(level, is_biased),
+            ["before", "receiver has 7", "after"]
+        );
+    }
 }
 
 #[test]
 fn a_receiver_of_equal_or_lower_level_does_not() {
-    assert_eq!(
-        send_to_a_receiver_at(10),
-        ["before", "after", "receiver has 7"]
-    );
-    assert_eq!(
-        send_to_a_receiver_at(9),
-        ["before", "after", "receiver has 7"]
-    );
-    assert_eq!(
-        send_to_a_receiver_at(0),
-        ["before", "after", "receiver has 7"]
-    );
+    for level in [10, 9, 0] {
+        for is_biased in IS_BIASED {
+            assert_eq!(
+                send_to_a_receiver_at(level, is_biased),
+                ["before", "after", "receiver has 7"]
+            );
+        }
+    }
 }
 
 /// A process at `level` waits in a send; then one at level 10 receives from it.
-fn receive_from_a_sender_at(level: u8, buffer: Option<Buffer>) -> Vec<String> {
+fn receive_from_a_sender_at(level: u8, buffer: Option<Buffer>, is_biased: bool) -> Vec<String> {
     let mut stage = Stage::new();
     let (sender, receiver) = buffer.map_or_else(channel::<u32>, buffered);
+    if is_biased {
+        stage.bias(&receiver);
+    }
     stage.process(level, move |log| async move {
         if buffer.is_some() {
             sender.send(0).await.unwrap();
@@ -212,31 +243,77 @@ fn receive_from_a_sender_at(level: u8, buffer: Option<Buffer>) -> Vec<String> {
 #[test]
 fn a_sender_of_higher_level_runs_before_its_receiver_goes_on() {
     for buffer in [None, Some(Buffer::fifo(1))] {
-        assert_eq!(
-            receive_from_a_sender_at(11, buffer),
-            ["before", "sender goes on", "after"]
-        );
-        assert_eq!(
-            receive_from_a_sender_at(10, buffer),
-            ["before", "after", "sender goes on"]
-        );
+        for is_biased in IS_BIASED {
+            assert_eq!(
+                receive_from_a_sender_at(11, buffer, is_biased),
+                ["before", "sender goes on", "after"]
+            );
+            assert_eq!(
+                receive_from_a_sender_at(10, buffer, is_biased),
+                ["before", "after", "sender goes on"]
+            );
+        }
     }
 }
 
 #[test]
 fn one_that_gave_way_comes_before_the_others_of_its_level() {
+    for is_biased in IS_BIASED {
+        let mut stage = Stage::new();
+        let (sender, receiver) = channel();
+        if is_biased {
+            stage.bias(&receiver);
+        }
+        stage.process(20, move |log| async move {
+            receiver.recv().await.unwrap();
+            log.add("high");
+        });
+        stage.process(10, move |log| async move {
+            sender.send(()).await.unwrap();
+            log.add("sender");
+        });
+        stage.process(10, |log| async move { log.add("another") });
+        assert_eq!(stage.run(), ["high", "sender", "another"]);
+    }
+}
+
+/// In each round both have come when the less urgent one comes.
+#[test]
+fn a_more_urgent_party_goes_on_before_the_one_that_completes_the_round() {
     let mut stage = Stage::new();
+    let barrier = Barrier::new(2);
+    for (level, name) in [(20, "high"), (10, "low")] {
+        let barrier = barrier.clone();
+        stage.process(level, move |log| async move {
+            for _ in 0..WARM {
+                barrier.sync().await;
+                log.add(name);
+            }
+        });
+    }
+    assert_eq!(stage.run(), ["high", "low"].repeat(WARM));
+}
+
+#[test]
+fn a_more_urgent_process_runs_before_a_free_mutex_is_locked() {
+    let mut stage = Stage::new();
+    let mutex = lock_sync::Mutex::new(());
     let (sender, receiver) = channel();
+    let wanted = mutex.clone();
     stage.process(20, move |log| async move {
-        receiver.recv().await.unwrap();
-        log.add("high");
+        while receiver.recv().await.is_ok() {
+            assert!(wanted.try_lock().is_ok());
+            log.add("high");
+        }
     });
     stage.process(10, move |log| async move {
-        sender.send(()).await.unwrap();
-        log.add("sender");
+        for _ in 0..WARM {
+            sender.try_send(()).unwrap(); // readies the other one, and goes on
+            let _guard = mutex.lock().await.unwrap();
+            log.add("low holds it");
+        }
     });
-    stage.process(10, |log| async move { log.add("another") });
-    assert_eq!(stage.run(), ["high", "sender", "another"]);
+    assert_eq!(stage.run(), ["high", "low holds it"].repeat(WARM));
 }
 
 #[test]
@@ -331,4 +408,11 @@ fn operations_that_complete_at_once_let_others_run_after_a_bounded_number() {
         }),
         [&*most, &*most]
     );
+    let mutex = lock_sync::Mutex::new(());
+    assert_eq!(
+        hog(async move |_, _| assert!(mutex.lock().await.is_ok())),
+        [&*most, &*most]
+    );
+    let alone = Barrier::new(1);
+    assert_eq!(hog(async move |_, _| alone.sync().await), [&*most, &*most]);
 }

@@ -96,6 +96,43 @@ fn many_threads_wake_many_processes_and_nothing_is_lost() {
     );
 }
 
+/// The wake comes while a process has its turn that yields to the next one.
+#[test]
+fn a_wake_leaves_those_that_yield_to_each_other_in_their_order() {
+    let _watchdog = watchdog();
+    for (level, expected) in [
+        (20, "a b c a woken b c a b c"),
+        (1, "a b c a b c a b c woken"),
+    ] {
+        let (executor, log) = (executor(), Log::new());
+        let mailbox = Arc::new(Mailbox::default());
+        let (own, seen) = (mailbox.clone(), log.clone());
+        let spec = ProcessSpec::new("woken").level(level);
+        let mut processes = vec![executor.spawn(spec, move || async move {
+            own.take().await;
+            seen.add("woken");
+        })];
+        for name in ["a", "b", "c"] {
+            let (mailbox, log) = (mailbox.clone(), log.clone());
+            let spec = ProcessSpec::new(name).level(10);
+            processes.push(executor.spawn(spec, move || async move {
+                for round in 0..3 {
+                    log.add(name);
+                    if (name, round) == ("a", 1) {
+                        let mailbox = mailbox.clone();
+                        std::thread::spawn(move || mailbox.wake()).join().unwrap();
+                    }
+                    yield_now().await;
+                }
+            }));
+        }
+        executor.settle();
+        executor.release();
+        processes.iter().for_each(|process| drop(process.wait()));
+        assert_eq!(log.take().join(" "), expected);
+    }
+}
+
 #[test]
 fn one_wake_at_a_time_of_a_sleeping_executor() {
     let _watchdog = watchdog();

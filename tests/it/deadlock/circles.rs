@@ -146,6 +146,43 @@ fn the_circle_is_named_when_the_ends_were_used_before() {
     }
 }
 
+/// Its guard was listed, and the partner came afterwards. At last the locks are biased to the
+/// executor, and guards are listed on the fast path.
+#[test]
+fn one_that_has_used_a_channel_by_an_alternative_alone_is_named() {
+    let _watchdog = watchdog();
+    for uses_before in [0, 100] {
+        let mut system = strict("guard");
+        let main = system.executor("main").build().unwrap();
+        let (send, receive) = luna::channel::<u32>();
+        let (_keep, never) = luna::channel::<u32>();
+        let (used, unused) = (receive.clone(), never.clone());
+        main.process("before").spawn_ok(async move {
+            for _ in 0..uses_before {
+                assert!(used.try_recv().is_err() && unused.try_recv().is_err());
+            }
+            Ok(())
+        });
+        main.process("chooser").spawn_ok(async move {
+            luna::alt! {
+                n = receive.recv() => { n?; }
+                n = never.recv() => { n?; }
+            }
+            never.recv().await?;
+            Ok(())
+        });
+        main.process("sender").spawn_ok(async move {
+            send.send(1).await?;
+            send.send(2).await?;
+            Ok(())
+        });
+        let found = deadlock_of(&system);
+        let of_sender = found.waits.iter().find(|wait| wait.process == "sender");
+        let partner = &of_sender.expect("it waits").partner;
+        assert_eq!(*partner, Partner::Process("chooser".to_owned()), "{found}");
+    }
+}
+
 #[test]
 fn senders_and_alternatives_and_branches_are_named_too() {
     let _watchdog = watchdog();

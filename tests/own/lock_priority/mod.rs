@@ -1,6 +1,8 @@
 //! The holder of a mutex works at the priority of its most urgent waiter, along chains, until it
 //! unlocks. Seen in the order of events, and in the kernel's data on the threads.
 
+mod several;
+
 use crate::common;
 use crate::levels;
 use common::{Log, SpawnOk, real_time_core};
@@ -13,6 +15,30 @@ use luna_core::current;
 use luna_platform::thread::{Attributes, current_policy};
 use std::convert::Infallible;
 use std::time::Duration;
+
+/// Whether the locks of mutexes are biased to the executor: then a free mutex is locked and
+/// unlocked on the fast path.
+const IS_BIASED: [bool; 2] = [false, true];
+
+/// Free mutexes of one executor, for processes that are spawned afterwards.
+fn mutexes<const N: usize>(
+    process: &dyn Fn(&str, u8) -> ProcessBuilder,
+    is_biased: bool,
+) -> [Mutex<()>; N] {
+    let mutexes = [(); N].map(|()| Mutex::new(()));
+    if is_biased {
+        let mutexes = mutexes.clone();
+        process("first user", 31).spawn_ok(async move {
+            for _ in 0..100 {
+                for mutex in &mutexes {
+                    drop(mutex.lock().await?);
+                }
+            }
+            Ok(())
+        });
+    }
+    mutexes
+}
 
 /// A process that locks `mutex` once it is let, and holds it for a moment.
 fn locker(process: ProcessBuilder, mutex: &Mutex<()>) -> luna::Sender<()> {
@@ -31,123 +57,95 @@ fn locker(process: ProcessBuilder, mutex: &Mutex<()>) -> luna::Sender<()> {
 #[test]
 fn nobody_between_the_holder_and_the_one_that_waits_runs_before_it_unlocks() {
     own_process!();
-    let log = Log::default();
-    on_one_executor(|process| {
-        let mutex = Mutex::new(());
-        let start = burner(process("burner", 10), &log);
-        let (go, gone) = luna::channel::<()>();
-        let (own, theirs) = (log.clone(), mutex.clone());
-        process("high", 20).spawn_ok(async move {
-            gone.recv().await?;
-            start.try_send(())?;
-            own.add("waits");
-            let _guard = theirs.lock().await?;
-            own.add("holds");
-            Ok(())
-        });
-        let own = log.clone();
-        process("low", 1).spawn_ok(async move {
-            let guard = mutex.lock().await?;
-            // The other process runs at once. So this one is ready at level 1 when it is
-            // boosted further, and the burner is ready above it.
-            go.send(()).await?;
-            assert_eq!(level(), 20);
-            for _ in 0..5 {
+    for is_biased in IS_BIASED {
+        let log = Log::default();
+        on_one_executor(|process| {
+            let [mutex] = mutexes(process, is_biased);
+            let start = burner(process("burner", 10), &log);
+            let (go, gone) = luna::channel::<()>();
+            let (own, theirs) = (log.clone(), mutex.clone());
+            process("high", 20).spawn_ok(async move {
+                gone.recv().await?;
+                start.try_send(())?;
+                own.add("waits");
+                let _guard = theirs.lock().await?;
+                own.add("holds");
+                Ok(())
+            });
+            let own = log.clone();
+            process("low", 1).spawn_ok(async move {
+                let guard = mutex.lock().await?;
+                // The other process runs at once. So this one is ready at level 1 when it is
+                // boosted further, and the burner is ready above it.
+                go.send(()).await?;
+                assert_eq!(level(), 20);
+                for _ in 0..5 {
+                    yield_now().await;
+                }
+                own.add("unlocks");
+                drop(guard);
+                assert_eq!(level(), 1);
                 yield_now().await;
-            }
-            own.add("unlocks");
-            drop(guard);
-            assert_eq!(level(), 1);
-            yield_now().await;
-            own.add("low");
-            Ok(())
+                own.add("low");
+                Ok(())
+            });
         });
-    });
-    assert_eq!(log.between("waits", "holds"), ["unlocks"]);
-    assert_eq!(log.between("holds", "low"), ["burn"; 50]);
+        assert_eq!(log.between("waits", "holds"), ["unlocks"]);
+        assert_eq!(log.between("holds", "low"), ["burn"; 50]);
+    }
 }
 
 #[test]
 fn a_chain_of_holders_passes_it_on() {
     own_process!();
-    let log = Log::default();
-    on_one_executor(|process| {
-        let (first, second) = (Mutex::new(()), Mutex::new(()));
-        let start = burner(process("burner", 10), &log);
-        let (go_high, gone_high) = luna::channel::<()>();
-        let (go_middle, gone_middle) = luna::channel::<()>();
-        let (own, wanted) = (log.clone(), first.clone());
-        process("high", 20).spawn_ok(async move {
-            gone_high.recv().await?;
-            start.try_send(())?;
-            own.add("waits");
-            let _guard = wanted.lock().await?;
-            own.add("holds");
-            Ok(())
-        });
-        let (holds, wanted) = (first.clone(), second.clone());
-        process("middle", 2).spawn_ok(async move {
-            gone_middle.recv().await?;
-            let guard = holds.lock().await?;
-            let wanted = wanted.lock().await?;
-            assert_eq!(level(), 20);
-            drop(wanted);
-            yield_now().await;
-            assert_eq!(level(), 20);
-            drop(guard);
-            assert_eq!(level(), 2);
-            Ok(())
-        });
-        process("low", 1).spawn_ok(async move {
-            let guard = second.lock().await?;
-            go_middle.send(()).await?;
-            yield_now().await;
-            assert_eq!(level(), 2, "lent by the one in the middle");
-            go_high.send(()).await?;
-            yield_now().await;
-            assert_eq!(
-                level(),
-                20,
-                "lent by the high one through the one in the middle"
-            );
-            yield_now().await;
-            drop(guard);
-            assert_eq!(level(), 1);
-            Ok(())
-        });
-    });
-    assert_eq!(log.between("waits", "holds"), [""; 0]);
-}
-
-#[test]
-fn one_that_holds_several_falls_to_the_highest_of_what_remains() {
-    own_process!();
-    for high_first in [false, true] {
+    for is_biased in IS_BIASED {
+        let log = Log::default();
         on_one_executor(|process| {
-            let (one, other) = (Mutex::new(()), Mutex::new(()));
-            let go_nine = locker(process("nine", 9), &one);
-            let go_twenty = locker(process("twenty", 20), &other);
-            process("holder", 1).spawn_ok(async move {
-                let (nine, twenty) = (one.lock().await?, other.lock().await?);
-                go_nine.send(()).await?;
-                yield_now().await;
-                assert_eq!(level(), 9);
-                go_twenty.send(()).await?;
+            let [first, second] = mutexes(process, is_biased);
+            let start = burner(process("burner", 10), &log);
+            let (go_high, gone_high) = luna::channel::<()>();
+            let (go_middle, gone_middle) = luna::channel::<()>();
+            let (own, wanted) = (log.clone(), first.clone());
+            process("high", 20).spawn_ok(async move {
+                gone_high.recv().await?;
+                start.try_send(())?;
+                own.add("waits");
+                let _guard = wanted.lock().await?;
+                own.add("holds");
+                Ok(())
+            });
+            let (holds, wanted) = (first.clone(), second.clone());
+            process("middle", 2).spawn_ok(async move {
+                gone_middle.recv().await?;
+                let guard = holds.lock().await?;
+                let wanted = wanted.lock().await?;
+                assert_eq!(level(), 20);
+                drop(wanted);
                 yield_now().await;
                 assert_eq!(level(), 20);
-                if high_first {
-                    drop(twenty);
-                    assert_eq!(level(), 9);
-                    drop(nine);
-                } else {
-                    drop(nine);
-                    assert_eq!(level(), 20);
-                    drop(twenty);
-                }
+                drop(guard);
+                assert_eq!(level(), 2);
+                Ok(())
+            });
+            process("low", 1).spawn_ok(async move {
+                let guard = second.lock().await?;
+                go_middle.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 2, "lent by the one in the middle");
+                go_high.send(()).await?;
+                yield_now().await;
+                assert_eq!(
+                    level(),
+                    20,
+                    "lent by the high one through the one in the middle"
+                );
+                yield_now().await;
+                drop(guard);
                 assert_eq!(level(), 1);
                 Ok(())
             });
         });
+        assert_eq!(log.between("waits", "holds"), [""; 0]);
     }
 }
 
@@ -194,31 +192,33 @@ fn a_waiter_that_gives_up_ends_its_boosts_along_the_chain() {
 #[test]
 fn the_next_holder_inherits_from_those_behind_it() {
     own_process!();
-    on_one_executor(|process| {
-        let mutex = Mutex::new(());
-        let go = locker(process("behind", 20), &mutex);
-        let wanted = mutex.clone();
-        let (notify, notified) = luna::channel::<()>();
-        process("next", 5).spawn_ok(async move {
-            notified.recv().await?;
-            let guard = wanted.lock().await?;
-            assert_eq!(level(), 5, "nobody else waits");
-            go.send(()).await?;
-            yield_now().await;
-            assert_eq!(level(), 20);
-            drop(guard);
-            assert_eq!(level(), 5);
-            Ok(())
+    for is_biased in IS_BIASED {
+        on_one_executor(|process| {
+            let [mutex] = mutexes(process, is_biased);
+            let go = locker(process("behind", 20), &mutex);
+            let wanted = mutex.clone();
+            let (notify, notified) = luna::channel::<()>();
+            process("next", 5).spawn_ok(async move {
+                notified.recv().await?;
+                let guard = wanted.lock().await?;
+                assert_eq!(level(), 5, "nobody else waits");
+                go.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 20);
+                drop(guard);
+                assert_eq!(level(), 5);
+                Ok(())
+            });
+            process("holder", 1).spawn_ok(async move {
+                let guard = mutex.lock().await?;
+                notify.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 5);
+                drop(guard);
+                Ok(())
+            });
         });
-        process("holder", 1).spawn_ok(async move {
-            let guard = mutex.lock().await?;
-            notify.send(()).await?;
-            yield_now().await;
-            assert_eq!(level(), 5);
-            drop(guard);
-            Ok(())
-        });
-    });
+    }
 }
 
 /// The next holder was handed the mutex and has not run yet when a more urgent waiter comes: the
