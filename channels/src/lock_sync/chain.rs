@@ -73,7 +73,8 @@ impl Core {
         }
         // SAFETY: its node is in the list, and the lock is held.
         unsafe { self.requeue(&mut lists, entry) };
-        self.relend(&mut lists).map(|changed| changed.inheritor)
+        self.boost_holder(&mut lists)
+            .map(|changed| changed.inheritor)
     }
 
     /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
@@ -98,7 +99,7 @@ impl Core {
 
     /// Boosts the holder to the priority of the first other waiter. O(1), and O(waiters before that
     /// are branches of the holder itself).
-    pub(super) fn relend(&self, lists: &mut WaitQueues) -> Option<Changed> {
+    pub(super) fn boost_holder(&self, lists: &mut WaitQueues) -> Option<Changed> {
         self.state(lists, |state, lists| {
             let inheritor = state.inheritor.as_mut()?;
             // As a whole: the waiter may be another branch of the same process. The process does

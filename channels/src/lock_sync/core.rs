@@ -194,7 +194,7 @@ impl Core {
                 let node = Entry::node(entry);
                 lists.senders.insert(node, priority, wake_handle);
                 this.requeue(&mut lists, entry);
-                this.relend(&mut lists)
+                this.boost_holder(&mut lists)
             };
             Poll::Pending
         });
@@ -255,7 +255,7 @@ impl Core {
             lists.senders.remove(Entry::node(entry));
             let former = (*Entry::link(entry)).wait.wake_handle_mut().take();
             Waiter::settle_stale(Entry::waiter(entry));
-            (self.relend(&mut lists), former)
+            (self.boost_holder(&mut lists), former)
         };
         drop(lists);
         chain::follow(changed);

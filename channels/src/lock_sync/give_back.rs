@@ -132,7 +132,7 @@ impl Core {
                 state.inheritor = inheritor;
             });
             Admitted {
-                changed: self.relend(lists),
+                changed: self.boost_holder(lists),
                 ready: Waiter::settle(Entry::waiter(entry), Outcome::Done),
             }
         }
@@ -157,7 +157,7 @@ impl Core {
                 .insert_again_at(Entry::node(entry), Entry::priority(entry));
             Admitted {
                 ready: PendingWake::NONE,
-                changed: self.relend(&mut lists),
+                changed: self.boost_holder(&mut lists),
             }
         }
     }

@@ -35,7 +35,7 @@
 //
 // 1. *The holder inherits.* Under the wait point's lock: the holder's inheritor is boosted to the
 //    priority of the first waiter, no more and no less. Every change of the list or of the holder
-//    ends with that (`relend`).
+//    ends with that (`boost_holder`).
 // 2. *A chain.* The holder may wait for another mutex itself. The waits of each process (or thread)
 // are listed with it, under the lock of its executor's boosts. A thread that changes a boost
 // follows these
