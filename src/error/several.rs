@@ -74,12 +74,12 @@ static PLAIN: [Error; 6] = [
     Error::Cancelled,
 ];
 /// An error that is stored in the list beside.
-const CARRIED: Kind = 6;
+const CARRIED: Kind = PLAIN.len() as Kind;
 /// The branch has not failed.
-const FINE: Kind = 7;
+const FINE: Kind = CARRIED + 1;
 /// The branch is a construct itself; its branches follow.
-const OPEN: Kind = 8;
-const CLOSE: Kind = 9;
+const OPEN: Kind = CARRIED + 2;
+const CLOSE: Kind = CARRIED + 3;
 
 fn kind_of(error: &Error) -> Kind {
     let plain = PLAIN.iter().position(|plain| plain == error);

@@ -197,7 +197,7 @@ impl fmt::Display for Refusal {
 #[non_exhaustive]
 pub enum SetError {
     /// These of its values.
-    #[error("no parameter was set: {}", joined(.0))]
+    #[error("no parameter was set{}", reasons(.0))]
     Refused(Vec<Refusal>),
     /// The file cannot be read, or is no TOML.
     #[error(
@@ -240,7 +240,10 @@ pub enum SetError {
     Replayed,
 }
 
-fn joined(refused: &[Refusal]) -> String {
+fn reasons(refused: &[Refusal]) -> String {
     let refused: Vec<_> = refused.iter().map(Refusal::to_string).collect();
-    refused.join("; ")
+    match refused.is_empty() {
+        true => String::new(),
+        false => format!(": {}", refused.join("; ")),
+    }
 }

@@ -213,6 +213,11 @@ fn two_of_one_name() {
         );
         assert_eq!(error, duplicate("process", "drive"));
     }
+    // What was refused has taken neither name.
+    system.executor("other").build().unwrap();
+    let taken = system.thread("own").process("fan");
+    setup_error(taken.spawn(async { Ok(()) }), &["`own`"]);
+    left.process("fan").spawn_ok(async { Ok(()) });
 
     // What is refused leaves nothing behind.
     left.process("left").spawn_ok(async { Ok(()) });
@@ -223,7 +228,7 @@ fn two_of_one_name() {
         .into_iter()
         .map(|process| process.name)
         .collect();
-    assert_eq!(names, ["of own", "drive", "left"]);
+    assert_eq!(names, ["of own", "drive", "fan", "left"]);
 }
 
 #[test]

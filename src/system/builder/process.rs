@@ -296,19 +296,19 @@ impl ProcessBuilder {
             build: (),
         };
         let (system, plan) = self.described(ledger, nothing);
-        let name = system.reserve(plan.name())?;
+        let names = system.reserve(&plan)?;
         let declared = system.stand_ins().declare::<E>(plan.name());
         // Without the lock: what is made here is the user's.
         let prepared = match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
-                // From here on it is used up, so the name stays taken, also if what is the user's
+                // From here on it is used up, so the names stay taken, also if what is the user's
                 // panics.
-                name.keep();
+                names.keep();
                 (stand_in.prepare)(Box::new(ends))
             }
             None => {
                 let prepared = body(ends).prepare().boxed();
-                name.keep();
+                names.keep();
                 prepared
             }
         };
@@ -323,7 +323,6 @@ impl ProcessBuilder {
         }
         if let Placement::Thread(attributes) = &mut self.place {
             **attributes = settled(&self.plan, (**attributes).clone(), false)?;
-            self.plan.members().take_thread_name(attributes.name())?;
         }
         if let Some(deployment) = self.plan.deployment() {
             let Self { spec, place, .. } = self;

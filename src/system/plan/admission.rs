@@ -1,43 +1,43 @@
 //! How a process comes to a system: described beside others, or started beside those that run.
 
-use super::described::{Placement, ProcessPlan};
+use super::described::{Names, Placement, ProcessPlan};
 use super::running::{Running, Started};
 use super::{Members, Phase, Plan, duplicate};
 use crate::csp::process::{Build, Room, announce, clean_up, prepare};
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
 use luna_core::current::ProcessId;
-use luna_executors::{Name, ProcessHandle};
+use luna_executors::ProcessHandle;
 use std::sync::MutexGuard;
 
-/// The name of a process that is about to be added. Dropping it gives the name back.
+/// The names of a process that is about to be added. Dropping it gives them back.
 pub(crate) struct Reservation<'a> {
     plan: &'a Plan,
-    name: Option<Name>,
+    names: Option<Names>,
 }
 
 impl Reservation<'_> {
-    /// The name stays taken.
+    /// The names stay taken.
     pub(crate) fn keep(mut self) {
-        self.name = None;
+        self.names = None;
     }
 }
 
 impl Drop for Reservation<'_> {
     fn drop(&mut self) {
-        if let Some(name) = &self.name {
-            self.plan.members().started.give_name_back(name);
+        if let Some(names) = &self.names {
+            self.plan.members().give_back(names);
         }
     }
 }
 
 impl Plan {
-    /// Takes the name of a process that has no body yet.
-    pub(crate) fn reserve<'a>(&'a self, name: &Name) -> Result<Reservation<'a>> {
-        drop(self.admit(name, false)?);
+    /// Takes the names of a process that has no body yet.
+    pub(crate) fn reserve<B>(&self, plan: &ProcessPlan<B>) -> Result<Reservation<'_>> {
+        drop(self.admit(plan)?);
         Ok(Reservation {
             plan: self,
-            name: Some(name.clone()),
+            names: Some(plan.names()),
         })
     }
 
@@ -61,7 +61,7 @@ impl Plan {
     /// the user's, and those that have ended meanwhile. Gives whether they run, too.
     pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<(ProcessId, bool)> {
         let id = plan.id();
-        let members = self.admit(plan.name(), plan.shares_name)?;
+        let members = self.admit(&plan)?;
         let runs = members.running.is_some();
         self.add_admitted(members, plan, false)?;
         Ok((id, runs))
@@ -69,11 +69,9 @@ impl Plan {
 
     /// As [`add_process`](Self::add_process), to a system that runs.
     pub(crate) fn start_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessHandle> {
-        let mut members = self.admit(plan.name(), plan.shares_name)?;
+        let mut members = self.admit(&plan)?;
         if members.running.is_none() {
-            if !plan.shares_name {
-                members.started.give_name_back(plan.name());
-            }
+            members.give_back(&plan.names());
             drop(members);
             self.note_refusal();
             let process = plan.name().to_string();
@@ -122,8 +120,9 @@ impl Plan {
         Ok(handle)
     }
 
-    /// Takes the `name` of a process to be, unless it shares one, if there can be one.
-    fn admit(&self, name: &Name, shares_name: bool) -> Result<MutexGuard<'_, Members>> {
+    /// Refuses if the system has ended; else takes the [names](Names) of the process.
+    fn admit<B>(&self, plan: &ProcessPlan<B>) -> Result<MutexGuard<'_, Members>> {
+        let name = plan.name();
         let mut guard = self.members();
         let members = &mut *guard;
         if members.phase == Phase::Ended {
@@ -133,7 +132,7 @@ impl Plan {
         if let Some(running) = &members.running {
             members.started.note_ends(&running.common);
         }
-        if !shares_name && !members.started.take_name(name) {
+        if !plan.shares_name && !members.started.take_name(name) {
             // The process that had it may have ended, and others may know that, though its executor
             // has not reported it yet.
             if let Some(running) = &members.running {
@@ -144,6 +143,15 @@ impl Plan {
                 return Err(duplicate("process", name));
             }
         }
+        if let Some(thread) = plan.thread_name()
+            && let Err(refused) = members.take_thread_name(thread)
+        {
+            if !plan.shares_name {
+                members.started.give_name_back(name);
+            }
+            self.note_refusal();
+            return Err(refused);
+        }
         Ok(guard)
     }
 
@@ -153,18 +161,13 @@ impl Plan {
         members: MutexGuard<'_, Members>,
         plan: ProcessPlan,
     ) -> Result<ProcessHandle> {
-        let (name, shares_name) = (plan.name().clone(), plan.shares_name);
+        let (name, names) = (plan.name().clone(), plan.names());
         let Some(running) = members.running.clone() else {
             drop(members);
             return Err(self.ended(&name));
         };
         self.start_late(members, &running, plan, &name)
-            .inspect_err(|_| {
-                // It never was, so it may be tried again.
-                if !shares_name {
-                    self.members().started.give_name_back(&name);
-                }
-            })
+            .inspect_err(|_| self.members().give_back(&names))
     }
 
     /// Forgets a process that has ended before it was entered: its end is reported before that.

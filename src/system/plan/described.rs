@@ -25,7 +25,31 @@ pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
     pub(crate) prepared: Prepared<B>,
 }
 
+/// The names that a process takes: they are given back if it is refused.
+pub(super) struct Names {
+    /// Its own, unless it shares one.
+    pub(super) process: Option<Name>,
+    /// That of its thread.
+    pub(super) thread: Option<String>,
+}
+
 impl<B> ProcessPlan<B> {
+    pub(super) fn names(&self) -> Names {
+        Names {
+            process: (!self.shares_name).then(|| self.name().clone()),
+            thread: self.thread_name().map(str::to_owned),
+        }
+    }
+
+    /// The name of its own thread, if it has one.
+    #[inline]
+    pub(super) fn thread_name(&self) -> Option<&str> {
+        match &self.place {
+            Placement::Executor(_) => None,
+            Placement::Thread(attributes) => Some(attributes.name()),
+        }
+    }
+
     pub(crate) fn name(&self) -> &Name {
         self.spec.name()
     }

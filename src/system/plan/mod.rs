@@ -4,6 +4,7 @@ mod admission;
 mod described;
 mod running;
 
+use described::Names;
 pub(crate) use described::{Placement, ProcessPlan};
 pub(crate) use running::{Member, NamedThread, NotStarted, On, Running, Started};
 
@@ -112,11 +113,21 @@ pub(crate) enum Phase {
 
 impl Members {
     /// Takes the name of an executor or a thread.
-    pub(crate) fn take_thread_name(&mut self, name: &str) -> Result<()> {
+    fn take_thread_name(&mut self, name: &str) -> Result<()> {
         if !self.thread_names.insert(name.to_owned()) {
             return Err(duplicate("executor", name));
         }
         Ok(())
+    }
+
+    /// Gives back the names of a process that never was, so that it may be tried again.
+    fn give_back(&mut self, names: &Names) {
+        if let Some(name) = &names.process {
+            self.started.give_name_back(name);
+        }
+        if let Some(name) = &names.thread {
+            self.thread_names.remove(name);
+        }
     }
 }
 
