@@ -10,12 +10,12 @@ use luna_core::biased_lock;
 use luna_core::current::{self, ExecutorId, Methods, Process, ProcessId, QueueEnd};
 use luna_core::timer_queue::TimerQueue;
 use std::cell::{Cell, RefCell};
-use std::future::Future;
+use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::task::{Context, Waker};
+use std::task::{Context, Poll, Waker};
 
 /// Upper limit of the preemptions of a thread in a model.
 const PREEMPTIONS: usize = 3;
@@ -410,5 +410,48 @@ fn a_mutex_of_the_executor_is_locked_on_another_thread() {
         }));
         thread.join().unwrap();
         assert_eq!(*block_on(mutex.lock()).expect("no holder dies"), 3);
+    });
+}
+
+/// Processes leave a receive and a party waiting as they end. Other processes meet them, which
+/// wakes no process, and frees those that have ended: loom reports a bell that is kept.
+#[test]
+fn what_ended_processes_have_left_is_met_and_frees_them() {
+    check_within(PREEMPTIONS, || {
+        let drops = Drops::default();
+        let executor = Executor::enter();
+        let (sender, receiver) = executor.channel::<Token>();
+        let barrier = Barrier::new(2);
+        assert_eq!(barrier.parties(), 2);
+        let taken = Rc::new(Cell::new(0));
+        let last = barrier.clone();
+        let receives: Pin<Box<dyn Future<Output = ()>>> = {
+            let taken = taken.clone();
+            Box::pin(async move { taken.set(receiver.recv().await.map_or(0, |token| token.id)) })
+        };
+        let comes = Box::pin(async move { barrier.sync().await });
+        let left = Rc::new(RefCell::new(Vec::new()));
+        executor.run([receives, comes].map(|mut waits| {
+            let left = left.clone();
+            let body: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async move {
+                poll_fn(|cx| {
+                    assert!(waits.as_mut().poll(cx).is_pending());
+                    Poll::Ready(())
+                })
+                .await;
+                left.borrow_mut().push(waits);
+            });
+            body
+        }));
+        let token = drops.token(1);
+        // The sender, the lower one, comes when no process is ready.
+        executor.run([
+            Box::pin(async move { assert!(sender.send(token).await.is_ok()) }),
+            Box::pin(async move { last.sync().await }),
+        ]);
+        for waits in left.take() {
+            block_on(waits);
+        }
+        assert_eq!((taken.get(), drops.count()), (1, 1));
     });
 }
