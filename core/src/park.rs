@@ -365,6 +365,43 @@ mod loom_tests {
         });
     }
 
+    /// The ring of a waker that was late at an earlier park: it ends one sleep, not the park.
+    #[test]
+    fn a_ring_without_a_wake_ends_no_park() {
+        loom::model(|| {
+            let shared = Arc::new(Exchange {
+                parker: Parker::new(),
+                value: UnsafeCell::new(0),
+            });
+            let other = shared.clone();
+            let wakers = thread::spawn(move || {
+                other.parker.bell().ring();
+                // SAFETY: the other thread reads it after its park alone.
+                other.value.with_mut(|value| unsafe { *value = 7 });
+                other.parker.unpark();
+            });
+            assert!(shared.parker.park(Instant::NEVER));
+            // SAFETY: the park has seen the unpark, which came after the write.
+            assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
+            wakers.join().unwrap();
+        });
+    }
+
+    /// The first waker is preempted before it rings, for as long as the thread sleeps.
+    #[test]
+    fn a_second_wake_ends_the_park_without_the_first_ones_ring() {
+        loom::model(|| {
+            let parker = Arc::new(Parker::new());
+            let other = parker.clone();
+            let wakers = thread::spawn(move || {
+                other.state.fetch_or(NOTIFIED, Ordering::AcqRel);
+                other.unpark();
+            });
+            assert!(parker.park(Instant::NEVER));
+            wakers.join().unwrap();
+        });
+    }
+
     /// Of three threads: without a bound a model takes up to four minutes.
     fn check_within(preemptions: usize, model: impl Fn() + Send + Sync + 'static) {
         let mut builder = loom::model::Builder::new();

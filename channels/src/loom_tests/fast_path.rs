@@ -1,7 +1,8 @@
 //! The fast path: a model thread is an executor's, and owns the bias of the channel's lock.
 
 use super::{Drops, Token, check_within, recv_id};
-use crate::{Barrier, Party, Receiver, Sender, channel, pri_alt};
+use crate::lock_sync::Mutex;
+use crate::{Alternative, Barrier, Party, Receiver, Sender, channel, pri_alt};
 use loom::future::block_on;
 use loom::sync::Arc;
 use loom::thread;
@@ -324,4 +325,135 @@ fn a_party_comes_from_another_thread_and_resigns() {
 #[test]
 fn a_party_resigns_on_another_thread() {
     barrier_against(|party, _| drop(party));
+}
+
+/// A process of the executor receives two values, by an alternative or an `Alternative` over two
+/// channels. Another process sends one on the first channel, and another thread sends one on the
+/// second: it revokes the bias of the commit lock.
+fn alternative_against<F: Future<Output = usize> + 'static>(
+    receive_two: impl Fn([Receiver<Token>; 2]) -> F + Copy + Send + Sync + 'static,
+) {
+    for sends_first in [false, true] {
+        check_within(PREEMPTIONS, move || {
+            let drops = Drops::default();
+            let executor = Executor::enter();
+            let (sender, receiver) = executor.channel();
+            let (from_elsewhere, other) = executor.channel();
+            // Neither channel ends before both values have come.
+            let _open = (sender.clone(), from_elsewhere.clone());
+            let theirs = drops.clone();
+            let thread = thread::spawn(move || {
+                let sent = block_on(from_elsewhere.send(theirs.token(2)));
+                assert!(sent.is_ok());
+            });
+            let token = drops.token(1);
+            let sends: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async move {
+                assert!(sender.send(token).await.is_ok());
+            });
+            let takes = Box::pin(async move {
+                assert_eq!(receive_two([receiver, other]).await, 3);
+            });
+            executor.run(match sends_first {
+                true => [takes, sends],
+                false => [sends, takes],
+            });
+            thread.join().unwrap();
+            assert_eq!(drops.count(), 2);
+        });
+    }
+}
+
+/// Also a model of the owner that leaves the commit lock after it has committed the alternative.
+#[test]
+fn an_alternative_of_the_executor_is_met_from_another_thread() {
+    alternative_against(|[receiver, other]| async move {
+        let mut sum = 0;
+        for _ in 0..2 {
+            sum += pri_alt! {
+                token = receiver.recv() => token.map_or(0, |token| token.id),
+                token = other.recv() => token.map_or(0, |token| token.id),
+            };
+        }
+        sum
+    });
+}
+
+#[test]
+fn a_registered_alternative_of_the_executor_is_met_from_another_thread() {
+    alternative_against(|receivers| async move {
+        let mut both = Alternative::prioritized(&receivers);
+        let mut sum = 0;
+        for _ in 0..2 {
+            sum += both.recv().await.1.map_or(0, |token| token.id);
+        }
+        sum
+    });
+}
+
+#[test]
+fn a_mutex_of_the_executor_is_locked_on_another_thread() {
+    check_within(PREEMPTIONS, || {
+        let executor = Executor::enter();
+        let mutex = Mutex::new(0);
+        // The first use in shared mode earns the bias.
+        drop(mutex.try_lock());
+        let theirs = mutex.clone();
+        let thread = thread::spawn(move || {
+            *block_on(theirs.lock()).expect("no holder dies") += 1;
+        });
+        executor.run([0, 1].map(|_| {
+            let mutex = mutex.clone();
+            let body: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async move {
+                *mutex.lock().await.expect("no holder dies") += 1;
+            });
+            body
+        }));
+        thread.join().unwrap();
+        assert_eq!(*block_on(mutex.lock()).expect("no holder dies"), 3);
+    });
+}
+
+/// Processes leave a receive and a party waiting as they end. Other processes meet them, which
+/// wakes no process, and frees those that have ended: loom reports a bell that is kept. It has one
+/// thread, and shuttle refuses such a model.
+#[cfg(not(shuttle))]
+#[test]
+fn what_ended_processes_have_left_is_met_and_frees_them() {
+    check_within(PREEMPTIONS, || {
+        let drops = Drops::default();
+        let executor = Executor::enter();
+        let (sender, receiver) = executor.channel::<Token>();
+        let barrier = Barrier::new(2);
+        assert_eq!(barrier.parties(), 2);
+        let taken = Rc::new(Cell::new(0));
+        let last = barrier.clone();
+        let receives: Pin<Box<dyn Future<Output = ()>>> = {
+            let taken = taken.clone();
+            Box::pin(async move { taken.set(receiver.recv().await.map_or(0, |token| token.id)) })
+        };
+        let comes = Box::pin(async move { barrier.sync().await });
+        let left = Rc::new(RefCell::new(Vec::new()));
+        executor.run([receives, comes].map(|mut waits| {
+            let left = left.clone();
+            let body: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async move {
+                std::future::poll_fn(|cx| {
+                    assert!(waits.as_mut().poll(cx).is_pending());
+                    std::task::Poll::Ready(())
+                })
+                .await;
+                left.borrow_mut().push(waits);
+            });
+            body
+        }));
+        let token = drops.token(1);
+        // The sender, the lower one, comes when no process is ready.
+        executor.run([
+            Box::pin(async move { assert!(sender.send(token).await.is_ok()) }),
+            Box::pin(async move { last.sync().await }),
+        ]);
+        for waits in left.take() {
+            block_on(waits);
+        }
+        assert_eq!((taken.get(), drops.count()), (1, 1));
+    });
 }

@@ -3,13 +3,16 @@
 
 #![cfg(not(loom))]
 
+use futures_lite::future::poll_once;
 use luna_channels::{
     Alternative, Buffer, Receiver, RecvError, Sender, alt, buffered, channel, pri_alt,
 };
 use luna_executors::{Executor, Exit, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
+use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::task::{Context, Wake, Waker};
 
 /// So many that all locks are biased to the executor before any other thread comes.
 const WARM: u64 = 100;
@@ -267,4 +270,53 @@ fn what_a_buffer_stores_is_found_on_the_fast_path() {
     executor.release();
     assert_eq!(watch.wait(), Exit::Completed);
     assert_eq!(both.wait(), Exit::Completed);
+}
+
+/// Notes that it was woken.
+#[derive(Default)]
+struct Woken(AtomicBool);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A process waits in an alternative, then polls it with another waker, as a combinator does. That
+/// waker is woken by a sender of the executor.
+#[test]
+fn an_alternative_that_was_polled_with_another_waker_is_met_on_the_fast_path() {
+    for is_registered in [false, true] {
+        let executor = Executor::start(Attributes::new("home")).unwrap();
+        let (_idle, first) = channel::<u64>();
+        let (output, second) = channel::<u64>();
+        let server = executor.spawn(ProcessSpec::new("chooses"), move || async move {
+            for _ in 0..WARM {
+                assert!(first.try_recv().is_err() && second.try_recv().is_err());
+            }
+            let inputs = [first, second];
+            let mut registered = Alternative::fair(&inputs);
+            let mut waits: Pin<Box<dyn Future<Output = _>>> = match is_registered {
+                true => Box::pin(async { registered.recv().await.1 }),
+                false => Box::pin(async {
+                    pri_alt! { x = inputs[0].recv() => x, x = inputs[1].recv() => x }
+                }),
+            };
+            assert!(poll_once(waits.as_mut()).await.is_none());
+            let woken = Arc::new(Woken::default());
+            let waker = Waker::from(woken.clone());
+            let polled = waits.as_mut().poll(&mut Context::from_waker(&waker));
+            assert!(polled.is_pending());
+            while !woken.0.load(Ordering::Relaxed) {
+                yield_now().await;
+            }
+            assert_eq!(waits.await, Ok(7));
+        });
+        let client = executor.spawn(ProcessSpec::new("sends"), move || async move {
+            output.send(7).await.unwrap();
+        });
+        executor.release();
+        assert_eq!(server.wait(), Exit::Completed);
+        assert_eq!(client.wait(), Exit::Completed);
+    }
 }

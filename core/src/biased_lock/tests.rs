@@ -287,7 +287,7 @@ mod running {
 
 #[cfg(all(loom, not(shuttle)))]
 mod model {
-    use crate::biased_lock::{BiasedLock, NO_EXECUTOR};
+    use crate::biased_lock::{BiasedGuard, BiasedLock, NO_EXECUTOR};
     use loom::sync::Arc;
     use luna_platform::sync::atomic::Ordering;
 
@@ -299,14 +299,22 @@ mod model {
         Arc::new(lock)
     }
 
+    /// Adds one, in a way in which two at once would lose one: loom does not watch the value as
+    /// long as the guard's reference to it lives.
+    fn add(mut guard: BiasedGuard<'_, u32>) {
+        let before = *guard;
+        loom::thread::yield_now();
+        *guard = before + 1;
+    }
+
     #[test]
     fn one_at_a_time_whichever_thread_revokes_the_bias() {
         loom::model(|| {
             let lock = biased_lock();
             let other = lock.clone();
-            let other = loom::thread::spawn(move || *other.lock_as(0) += 1);
+            let other = loom::thread::spawn(move || add(other.lock_as(0)));
             for _ in 0..2 {
-                *lock.lock_as(EXECUTOR) += 1;
+                add(lock.lock_as(EXECUTOR));
             }
             other.join().unwrap();
             assert_eq!(*lock.lock_as(EXECUTOR), 3);
@@ -320,9 +328,9 @@ mod model {
             let lock = biased_lock();
             let other = lock.clone();
             // No thread of this model has entered an executor.
-            let other = loom::thread::spawn(move || *other.lock_briefly() += 1);
+            let other = loom::thread::spawn(move || add(other.lock_briefly()));
             for _ in 0..2 {
-                *lock.lock_as(EXECUTOR) += 1;
+                add(lock.lock_as(EXECUTOR));
             }
             other.join().unwrap();
             assert_eq!(*lock.lock_as(EXECUTOR), 3);
@@ -340,11 +348,11 @@ mod model {
             let others = [false, true].map(|briefly| {
                 let other = lock.clone();
                 loom::thread::spawn(move || match briefly {
-                    true => *other.lock_briefly() += 1,
-                    false => *other.lock_as(0) += 1,
+                    true => add(other.lock_briefly()),
+                    false => add(other.lock_as(0)),
                 })
             });
-            *lock.lock_as(EXECUTOR) += 1;
+            add(lock.lock_as(EXECUTOR));
             for other in others {
                 other.join().unwrap();
             }

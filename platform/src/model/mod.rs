@@ -115,29 +115,31 @@ pub mod fence {
 }
 
 pub mod inside {
-    //! The word without the kernel: a waiting thread polls it.
+    //! The word without the priority inheritance: a waiting thread sleeps until it is woken.
 
-    use loom::sync::atomic::{AtomicBool, Ordering};
+    use crate::clock::Instant;
+    use crate::futex::Futex;
+    use loom::sync::atomic::Ordering;
 
     /// The word of a biased lock that says whether its owner is inside.
     #[derive(Debug)]
-    pub struct Inside(AtomicBool);
+    pub struct Inside(Futex);
 
     impl Inside {
         /// Not entered.
         pub fn new() -> Self {
-            Self(AtomicBool::new(false))
+            Self(Futex::new(0))
         }
 
         /// Whether a thread is inside.
         pub fn is_entered(&self) -> bool {
-            self.0.load(Ordering::Relaxed)
+            self.0.word().load(Ordering::Relaxed) != 0
         }
 
         /// The owner enters.
         pub fn enter(&self) {
-            assert!(!self.0.load(Ordering::Relaxed), "entered twice");
-            self.0.store(true, Ordering::Relaxed);
+            assert!(!self.is_entered(), "entered twice");
+            self.0.word().store(1, Ordering::Relaxed);
         }
 
         /// As [`enter`](Self::enter): a model checks always.
@@ -159,16 +161,19 @@ pub mod inside {
 
         /// The owner leaves.
         pub fn leave(&self) {
-            self.0.store(false, Ordering::Release);
+            self.0.word().store(0, Ordering::Release);
         }
 
         /// The owner has left, and the bias was revoked meanwhile.
-        pub fn leave_revoked(&self) {}
+        pub fn leave_revoked(&self) {
+            self.0.wake_all();
+        }
 
-        /// Waits until the owner is outside. The caller has revoked the bias.
+        /// Waits until the owner is outside. The caller has revoked the bias. On Linux too, the
+        /// owner's store alone ends no wait in the kernel.
         pub fn wait_until_left(&self) {
-            while self.0.load(Ordering::Acquire) {
-                loom::thread::yield_now();
+            while self.0.word().load(Ordering::Acquire) != 0 {
+                self.0.wait(1, Instant::NEVER);
             }
         }
     }
