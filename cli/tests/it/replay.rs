@@ -18,7 +18,7 @@ fn counterexample(model: &Path, folder: &Path) -> PathBuf {
     file
 }
 
-/// What the package says of a counterand its exit code.
+/// What the package says of a counterexample, and its exit code.
 fn follow(folder: &Path, file: &Path) -> (String, Option<i32>) {
     let file = file.display().to_string();
     let output = run_cargo(folder, "run", &["--quiet", "--", "--replay", &file]);

@@ -72,8 +72,8 @@ pub(super) fn packages(interfaces: &[Interface]) -> Result<Vec<(String, String)>
 }
 
 impl Names<'_> {
-    /// A struct with its constants and its default. The last argument has what follows its name,
-    /// and what it is.
+    /// A struct with its constants and its default. `typed` is written behind its name; `what` says
+    /// in its documentation what it is.
     fn item(
         &self,
         body: &mut String,
