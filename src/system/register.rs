@@ -56,8 +56,8 @@ impl First {
 pub(crate) struct Register {
     members: ById<Member>,
     names: FxHashSet<Name>,
-    /// Number of processes ever started: the next one's place in the order. From four billion on all
-    /// have the same place.
+    /// Number of processes ever started: the next one's place in the order. From four billion on
+    /// all have the same place.
     started: u32,
     /// The processes with budgets, in the order of their start.
     monitored: BTreeSet<(u32, ProcessId)>,

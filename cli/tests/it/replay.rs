@@ -1,5 +1,5 @@
-//! Counterexamples of `luna model check --replay`: generated programs follow them, or say where they
-//! depart.
+//! Counterexamples of `luna model check --replay`: generated programs follow them, or say where
+//! they depart.
 
 use crate::generate::{build, generate, random};
 use crate::is_long;

@@ -33,9 +33,9 @@ struct Bounds {
     by: fn(&Times) -> u64,
 }
 
-/// Of the wake-up of a sleeping thread, and of the wait for a contended lock, which has the holder's
-/// section, a boost of its priority and the way through the kernel: a twentieth of the period of a
-/// fast control loop, and the period, after which a slot is missed.
+/// For the wake-up of a sleeping thread, and for the wait for a contended lock, which takes the
+/// holder's section, a boost of its priority and the way through the kernel: a twentieth of the
+/// period of a fast control loop, and the period, after which a slot is missed.
 const WAKE_UP: Bounds = Bounds {
     good: 50_000,
     bad: 1_000_000,
