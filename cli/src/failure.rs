@@ -8,7 +8,8 @@ use std::path::Path;
 /// What went wrong.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
-    /// What the command line names cannot be used: a file, an address, a core, a channel.
+    /// What the user can put right: a file, an address, a core or a channel that cannot be used, a
+    /// model that is wrong, a simulated card that cannot start.
     #[error("{0}")]
     Unusable(String),
     /// Options that do not go together.
@@ -42,18 +43,18 @@ impl From<luna_model::Problem> for Failure {
     }
 }
 
-/// What the command line names cannot be used.
+/// [`Failure::Unusable`]: what cannot be used, and why.
 pub(crate) fn unusable(what: impl Display, why: impl Display) -> Failure {
     Failure::Unusable(format!("{what}: {why}"))
 }
 
-/// The same of a file or folder, to map errors.
+/// As [`unusable`], for the error of a path.
 pub(crate) fn failed<E: Display>(path: &Path) -> impl Fn(E) -> Failure {
     move |error| unusable(path.display(), error)
 }
 
 impl Failure {
-    /// 2 for what the user can put right on the command line, as clap has it; 1 for the rest.
+    /// 2 for what the user can put right, as clap has it; 1 for the rest.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::Unusable(_) | Self::Options(_) => 2,

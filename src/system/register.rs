@@ -36,8 +36,7 @@ pub(super) struct Reaped {
     pub(super) forgotten: Option<ProcessHandle>,
 }
 
-/// The error of the process that started first among several, with its place in the order of
-/// starts.
+/// The error of that failed process which was started first, with its place in the order of starts.
 #[derive(Default)]
 pub(super) struct First(Option<(u32, Error)>);
 
@@ -57,8 +56,8 @@ impl First {
 pub(crate) struct Register {
     members: ById<Member>,
     names: FxHashSet<Name>,
-    /// Number of processes ever started: the next one's place in the order. From four billion on all
-    /// have the same place.
+    /// Number of processes ever started: the next one's place in the order. From four billion on
+    /// all have the same place.
     started: u32,
     /// The processes with budgets, in the order of their start.
     monitored: BTreeSet<(u32, ProcessId)>,
@@ -73,7 +72,7 @@ pub(crate) struct Register {
     forgotten: Numbers,
     pub(super) first_error: First,
     pub(super) first_panic: First,
-    /// Of panics while cleaning up.
+    /// A panic while cleaning up after a process, as the error of that process.
     pub(super) first_cleanup: First,
     /// Number of looks at members, one by one or all together.
     #[cfg(test)]

@@ -49,9 +49,9 @@ impl SystemThreads<'_> {
         }
         let deadline = Instant::now() + GRACE;
         let mut reports = Vec::new();
-        // Each stays in its list until it has ended: should `wait` panic, it is still known. What
-        // is left behind is set first: if anything panics from there on, what the threads' bodies
-        // refer to stays.
+        // Each stays in its list until it has ended: should `wait` panic, it is still known.
+        // `has_left_behind` is set before `abandon`: if anything panics from there on, what the
+        // threads' bodies refer to stays.
         macro_rules! end_all {
             ($threads:expr, $stop:expr) => {
                 while let Some((name, thread)) = $threads.front() {

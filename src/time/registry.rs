@@ -168,8 +168,8 @@ impl Scope {
         SCOPE.set(Some(self.clone()));
     }
 
-    /// Makes this the scope of the calling thread until the guard is dropped. In a `pre_run`, when
-    /// it `is_preparing`, the process that owns the loops made there is known only when they begin.
+    /// Makes this the scope of the calling thread until the guard is dropped. `is_preparing` is for
+    /// a `pre_run`: the process that owns the loops made there is known only when they begin.
     pub(crate) fn enter_until_dropped(self: Arc<Self>, is_preparing: bool) -> Entered {
         Entered {
             before: SCOPE.replace(Some(self)),

@@ -39,7 +39,7 @@ pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Conv
 struct Mcap {
     writer: Writer<BufWriter<File>>,
     signals: HashMap<u32, Channel>,
-    /// Of messages, losses and events, by their topics.
+    /// Of messages, losses and events, by private names.
     others: HashMap<&'static str, Channel>,
     names: Names,
     /// From the recording's clock to the time of day.

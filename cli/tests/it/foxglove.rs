@@ -1,16 +1,16 @@
 //! `luna demo --foxglove`: a viewer finds the machine's signals.
 
+use crate::run::command;
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, client};
 
 #[test]
 fn the_demo_advertises_its_signals_and_sends_what_is_subscribed_to() {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["demo", "--foxglove", "127.0.0.1:0", "--seconds", "600"])
+    let mut child = command(&["demo", "--foxglove", "127.0.0.1:0", "--seconds", "600"])
         .args(["--calibrated", "--policy", "other"])
         .stdout(Stdio::null())
         .stderr(Stdio::piped())

@@ -3,7 +3,7 @@
 
 use crate::is_long;
 use crate::package::{folder, lock, run_cargo, workspace};
-use crate::run::{example, luna_model, path, text};
+use crate::run::{self, example, luna_model, path, text};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -251,8 +251,7 @@ fn a_closed_output_and_hidden_files_are_no_obstacle() {
     let folder = folder("hidden");
     fs::create_dir_all(folder.join(".git")).expect("the folder is made");
     let luna = workspace().display().to_string();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args(["model", "generate", "--luna", &luna, "-o"])
+    let mut child = run::command(&["model", "generate", "--luna", &luna, "-o"])
         .arg(&folder)
         .arg(example("commstime.toml"))
         .stdout(std::process::Stdio::piped())

@@ -1,5 +1,5 @@
-//! Counterexamples of `luna model check --replay`: generated programs follow them, or say where they
-//! depart.
+//! Counterexamples of `luna model check --replay`: generated programs follow them, or say where
+//! they depart.
 
 use crate::generate::{build, generate, random};
 use crate::is_long;
@@ -18,7 +18,7 @@ fn counterexample(model: &Path, folder: &Path) -> PathBuf {
     file
 }
 
-/// What the package says of a counterand its exit code.
+/// What the package says of a counterexample, and its exit code.
 fn follow(folder: &Path, file: &Path) -> (String, Option<i32>) {
     let file = file.display().to_string();
     let output = run_cargo(folder, "run", &["--quiet", "--", "--replay", &file]);

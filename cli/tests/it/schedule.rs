@@ -2,7 +2,6 @@
 
 use crate::run::{self, luna_model, text};
 use std::fs;
-use std::path::PathBuf;
 use std::process::Output;
 
 pub(crate) const MODEL: &str = r#"
@@ -37,14 +36,9 @@ latency = "20 us"
 
 /// Runs the command on `model`, with these options.
 pub(crate) fn schedule(name: &str, model: &str, options: &[&str]) -> Output {
-    let path = file(&format!("{name}.toml"));
+    let path = run::file(&format!("schedule-{name}.toml"));
     fs::write(&path, model).unwrap();
     luna_model(&[&["schedule", run::path(&path)], options].concat())
-}
-
-/// A file that this test alone has.
-pub(crate) fn file(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("schedule-{name}"))
 }
 
 pub(crate) fn out(output: &Output) -> &str {
@@ -136,8 +130,8 @@ fn what_is_not_known_exits_with_4_and_a_file_of_costs_adds_it() {
     assert!(said.contains("servo: its cost is not known"), "{said}");
     assert!(said.contains("logger: `servo` runs before it"), "{said}");
 
-    let costs = file("costs.toml");
-    let path = costs.to_str().expect("a path of this test");
+    let costs = run::file("schedule-costs.toml");
+    let path = run::path(&costs);
     fs::write(
         &costs,
         "servo = { cost = \"120 us\", longest_poll = \"40 us\" }\n",

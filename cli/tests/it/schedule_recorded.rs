@@ -1,6 +1,7 @@
 //! `luna model schedule`: what a recording adds.
 
-use crate::schedule::{MODEL, err, file, flat, out, row, schedule};
+use crate::run;
+use crate::schedule::{MODEL, err, flat, out, row, schedule};
 use luna_core::events::code;
 use luna_logger::format::{ClockBase, Event, Losing, Record, Subject, Writer};
 use std::fs;
@@ -65,9 +66,9 @@ impl Recording {
 
     /// As a killed program leaves it.
     fn cut_off(self, name: &str) -> String {
-        let path = file(name);
+        let path = run::file(&format!("schedule-{name}"));
         fs::write(&path, self.0.finish().unwrap()).unwrap();
-        path.to_str().expect("a path of this test").to_owned()
+        run::path(&path).to_owned()
     }
 }
 

@@ -1,6 +1,6 @@
 //! `luna demo --scope` and `luna scope`: what they serve.
 
-use crate::run::command;
+use crate::run::{command, luna};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -123,8 +123,7 @@ fn several_recordings_are_shown_together() {
 
     let ends = |files: &[&str]| {
         let options = ["--once", "--speed", "max", "--listen", ANYWHERE];
-        let output = command(&[&["scope"], files, &options].concat()).output();
-        let output = output.expect("it starts");
+        let output = luna(&[&["scope"], files, &options].concat());
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         (output.status.code(), said)
     };
@@ -153,8 +152,7 @@ fn a_picture_is_read_from_a_file() {
     let (child, address) = served(&[&options[..], &[svg]].concat());
     look_for(&address, br#""picture":"<svg/>""#);
     end(child);
-    let missing = command(&[&options[..], &["missing.svg"]].concat()).output();
-    let missing = missing.expect("it starts");
+    let missing = luna(&[&options[..], &["missing.svg"]].concat());
     let said = String::from_utf8_lossy(&missing.stderr);
     assert_eq!(missing.status.code(), Some(2), "{said}");
     assert!(said.contains("picture missing.svg: "), "{said}");
@@ -182,8 +180,7 @@ fn a_model_is_drawn_as_the_picture() {
     look_for(&address, br#"data-channel=\"out\""#);
     end(child);
     let said = |more: &[&str]| {
-        let ended = command(&[&options[..], more].concat()).output();
-        let ended = ended.expect("it starts");
+        let ended = luna(&[&options[..], more].concat());
         let said = String::from_utf8_lossy(&ended.stderr).into_owned();
         assert_eq!(ended.status.code(), Some(2), "{said}");
         said
@@ -328,8 +325,7 @@ fn a_recording_is_shown_until_the_program_is_ended() {
 fn once_ends_with_the_recording_and_says_whether_it_was_whole() {
     let path = recording("once.luna");
     let once = |path: &str| {
-        let output = command(&["scope", path, "--listen", ANYWHERE, "--once"]).output();
-        let output = output.expect("the program starts");
+        let output = luna(&["scope", path, "--listen", ANYWHERE, "--once"]);
         let said = String::from_utf8(output.stderr).expect("text");
         (output.status.code(), said)
     };

@@ -1,6 +1,6 @@
 //! What the demo says first, what `--strict` makes of it, and what it says of privileges.
 
-use crate::run::{luna, text};
+use crate::run::{command, luna, text};
 use serde_json::Value;
 use std::process::{Command, Stdio};
 
@@ -39,15 +39,15 @@ fn the_verdict_comes_first_and_table_4_on_request() {
 /// many slots the loop missed.
 #[cfg(target_os = "linux")]
 fn stopped_for_a_while() -> (Option<i32>, u64) {
-    let child = Command::new(env!("CARGO_BIN_EXE_luna"))
-        .args([
-            "demo",
-            "--seconds",
-            "3",
-            "--calibrated",
-            "--strict",
-            "--json",
-        ])
+    let demo = [
+        "demo",
+        "--seconds",
+        "3",
+        "--calibrated",
+        "--strict",
+        "--json",
+    ];
+    let child = command(&demo)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()

@@ -9,22 +9,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[derive(Clone, Default)]
 pub struct Counts(Arc<Inner>);
 
-#[derive(Default)]
-struct Inner {
-    cycles: AtomicU64,
-    late: AtomicU64,
-    values: AtomicU64,
-    dropped: AtomicU64,
-    written: AtomicU64,
-    write_failures: AtomicU64,
-    exceptions: AtomicU64,
-    timeouts: AtomicU64,
-    garbage: AtomicU64,
-    connections: AtomicU64,
-}
-
 macro_rules! counters {
     ($($(#[$doc:meta])* $name:ident, $add:ident;)*) => {
+        #[derive(Default)]
+        struct Inner {
+            $($name: AtomicU64,)*
+        }
+
         impl Counts {
             $(
                 $(#[$doc])*

@@ -14,7 +14,8 @@ impl Store {
     }
 
     /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read;
-    /// else whatever was read is nothing.
+    /// else whatever was read is nothing. Returns the number of the last set, also if nothing was
+    /// taken.
     pub(in crate::parameters) fn reload_if(
         &self,
         is_whole: impl FnOnce() -> bool,

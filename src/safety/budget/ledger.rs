@@ -40,7 +40,7 @@ struct Books {
 #[derive(Clone, Default)]
 struct Overruns {
     count: u64,
-    /// With its loop's name apart, which is in place.
+    /// The loop's name is kept beside it without an allocation; `of_loop` is filled in the report.
     worst: Option<(BudgetOverrun, Option<LoopName>)>,
 }
 

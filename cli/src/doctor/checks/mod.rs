@@ -37,7 +37,7 @@ pub(crate) fn all() -> impl Iterator<Item = &'static Check> {
     .flatten()
 }
 
-/// Of a switch of the kernel, which a kernel without it has off.
+/// Judges a kernel switch that is better off. A kernel without it counts as off.
 fn better_off(machine: &Machine, from: &str, advice: &str) -> Result<Seen, Unread> {
     Ok(match missing_is(machine.source.parse(from, number), 0)? {
         0 => Seen::good("off", from),

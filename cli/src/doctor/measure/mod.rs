@@ -33,15 +33,16 @@ struct Bounds {
     by: fn(&Times) -> u64,
 }
 
-/// Of what wakes a sleeping thread: a twentieth of the period of a fast control loop, and the
-/// period, after which a slot is missed.
+/// For the wake-up of a sleeping thread, and for the wait for a contended lock, which takes the
+/// holder's section, a boost of its priority and the way through the kernel: a twentieth of the
+/// period of a fast control loop, and the period, after which a slot is missed.
 const WAKE_UP: Bounds = Bounds {
     good: 50_000,
     bad: 1_000_000,
     by: p99,
 };
 
-/// What a finding is from that has no times.
+/// The `from` of a finding without times.
 const MEASUREMENT: &str = "the measurement";
 const AGAIN: &str = "run `luna doctor` again on an idle machine, without --quick";
 

@@ -8,7 +8,6 @@ use luna::channel::TryRecvError;
 use luna::devices::{Device, DeviceManager, Sharing};
 use luna::{Alternative, Buffer, Process, Receiver, Sender};
 use std::cmp::Ordering;
-use std::fmt;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
@@ -222,12 +221,8 @@ fn first(waiting: &[Waiting]) -> Option<Frame> {
     frames.min_by(Frame::arbitrate)
 }
 
-impl fmt::Debug for Bus {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names: Vec<&str> = self.nodes.iter().map(|node| &*node.name).collect();
-        f.debug_struct("Bus")
-            .field("bit_rate", &self.bit_rate)
-            .field("nodes", &names)
-            .finish_non_exhaustive()
-    }
-}
+luna_platform::debug_fields!(
+    Bus,
+    |bus| bit_rate: bus.bit_rate,
+    nodes: bus.nodes.iter().map(|node| &*node.name).collect::<Vec<&str>>()
+);

@@ -72,8 +72,8 @@ pub(super) fn packages(interfaces: &[Interface]) -> Result<Vec<(String, String)>
 }
 
 impl Names<'_> {
-    /// A struct with its constants and its default. The last argument has what follows its name,
-    /// and what it is.
+    /// A struct with its constants and its default. `typed` follows its name in the text; `what`
+    /// begins its documentation if the file has none: "A message".
     fn item(
         &self,
         body: &mut String,

@@ -34,7 +34,7 @@ pub(super) struct ChannelNames {
 }
 
 impl ChannelNames {
-    /// By which this side learns that the other has ended.
+    /// The event by which this side learns that the other has ended.
     pub(super) fn closed(&self, side: Side) -> &String {
         match side {
             Side::Send => &self.no_receiver,

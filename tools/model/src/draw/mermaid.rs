@@ -14,6 +14,7 @@ pub(crate) fn mermaid(network: &Network) -> String {
     "flowchart LR\n".to_owned() + &written(network, &text)
 }
 
+/// Mermaid writes special characters as `#` and their code.
 fn quoted(text: &str) -> String {
     let mut quoted = "\"".to_owned();
     for letter in text.chars() {

@@ -92,11 +92,11 @@ pub(crate) enum Side {
     Receive,
 }
 
-/// Values from `low` to `high`, of which a variable begins with `first`.
 impl Side {
     pub(crate) const BOTH: [Self; 2] = [Self::Send, Self::Receive];
 }
 
+/// Values from `low` to `high`, of which a variable begins with `first`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Range {
     pub(crate) low: Expr<Path>,

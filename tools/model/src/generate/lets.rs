@@ -114,7 +114,17 @@ fn sets_at_once(statement: &Statement, name: &str) -> bool {
     match &statement.kind {
         StatementKind::Assign((variable, _), value) => variable == name && !reads(value, name),
         StatementKind::Offer(offer) => of_offer(offer, name).sets > 0,
-        _ => false,
+        StatementKind::Action(_)
+        | StatementKind::Skip
+        | StatementKind::Stop
+        | StatementKind::Assert(_)
+        | StatementKind::If(..)
+        | StatementKind::While(..)
+        | StatementKind::Loop(_)
+        | StatementKind::For(..)
+        | StatementKind::Par(_)
+        | StatementKind::Choose(_)
+        | StatementKind::Alternative { .. } => false,
     }
 }
 
@@ -163,7 +173,7 @@ fn of_statement(statement: &Statement, name: &str) -> Mentions {
         StatementKind::Assign((variable, _), value) => {
             let is_it = variable == name;
             Mentions {
-                // What an assignment to itself reads counts for nothing.
+                // `x = x + 1` alone is no use of it.
                 reads: usize::from(!is_it && reads(value, name)),
                 sets: usize::from(is_it),
             }
@@ -178,7 +188,12 @@ fn of_statement(statement: &Statement, name: &str) -> Mentions {
             let offers = guards.iter().map(|guard| of_offer(&guard.offer, name));
             conditions.chain(offers).fold(Mentions::default(), sum)
         }
-        _ => Mentions::default(),
+        StatementKind::Action(_)
+        | StatementKind::Skip
+        | StatementKind::Stop
+        | StatementKind::Loop(_)
+        | StatementKind::Par(_)
+        | StatementKind::Choose(_) => Mentions::default(),
     };
     let blocks = statement.kind.blocks().into_iter();
     blocks.map(|block| of_block(block, name)).fold(own, sum)

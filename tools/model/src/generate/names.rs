@@ -54,7 +54,7 @@ pub(super) struct Names<'a> {
     taken: Vec<(String, String)>,
 }
 
-/// What names stand for, and these names.
+/// A meaning, and the names that have it.
 pub(super) type Taken = (&'static str, &'static [&'static str]);
 
 impl<'a> Names<'a> {

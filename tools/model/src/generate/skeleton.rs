@@ -107,7 +107,17 @@ pub(super) fn take_names(block: &Block, names: &mut Names<'_>) -> Result<(), Pro
         let (named, is_action) = match &statement.kind {
             StatementKind::For(variable, ..) => (variable.clone(), false),
             StatementKind::Action(action) => ((action.clone(), statement.span.clone()), true),
-            _ => return,
+            StatementKind::Offer(_)
+            | StatementKind::Skip
+            | StatementKind::Stop
+            | StatementKind::Assign(..)
+            | StatementKind::Assert(_)
+            | StatementKind::If(..)
+            | StatementKind::While(..)
+            | StatementKind::Loop(_)
+            | StatementKind::Par(_)
+            | StatementKind::Choose(_)
+            | StatementKind::Alternative { .. } => return,
         };
         let known = (named.0.clone(), is_action);
         if outcome.is_ok() && !found.contains(&known) {

@@ -88,7 +88,14 @@ pub(super) fn diverges(block: &[crate::language::body::Statement]) -> bool {
         StatementKind::Alternative { guards, .. } => {
             guards.iter().all(|guard| diverges(&guard.body))
         }
-        _ => false,
+        StatementKind::Offer(_)
+        | StatementKind::Action(_)
+        | StatementKind::Skip
+        | StatementKind::Stop
+        | StatementKind::Assign(..)
+        | StatementKind::Assert(_)
+        | StatementKind::For(..)
+        | StatementKind::Par(_) => false,
     })
 }
 
@@ -115,8 +122,12 @@ pub(super) fn surely_waits(block: &Block, kind: &ProcessKind<'_>) -> bool {
             let mut guards = guards.iter();
             guards.all(|guard| offer_waits(&guard.offer) || surely_waits(&guard.body, kind))
         }
-        // The body of a `while` or `for` may be left out.
-        _ => false,
+        // The body may be left out.
+        StatementKind::While(..) | StatementKind::For(..) => false,
+        StatementKind::Action(_)
+        | StatementKind::Skip
+        | StatementKind::Assign(..)
+        | StatementKind::Assert(_) => false,
     })
 }
 
