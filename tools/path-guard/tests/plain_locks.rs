@@ -48,10 +48,6 @@ const KNOWN: [(&str, &str); 16] = [
         "watches are installed before the start and removed after the end; the handler takes no lock",
     ),
     (
-        "platform/src/linux/alarm.rs",
-        "an executor takes it before its processes are released; the handler takes no lock",
-    ),
-    (
         "platform/src/memory.rs",
         "memory is locked before the start and unlocked after the end",
     ),
