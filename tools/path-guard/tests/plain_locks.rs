@@ -26,7 +26,7 @@ const OWN: [&str; 4] = [
 const PLAIN: [&str; 5] = ["Mutex", "RwLock", "Condvar", "mpsc", "parking_lot"];
 
 /// The files with a plain lock, and why it is off the path.
-const KNOWN: [(&str, &str); 16] = [
+const KNOWN: [(&str, &str); 15] = [
     (
         "channels/src/inspect.rs",
         "places enlist when they are made and freed, and reports look",
