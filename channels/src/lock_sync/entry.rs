@@ -113,9 +113,9 @@ impl Entry {
     /// for its `listed` and `core`, which a chain reads under the lock of the process' boosts.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
         // SAFETY: the entry is live, in no wait point's list, and only its future accesses it but
-        // for `listed`, as is demanded here. Until that is taken out, others may access its node
-        // under the lock of its executor's boosts, so only the inheritor is referred to; it is that
-        // of the process with which `begin` has listed the node.
+        // for `listed` and `core`, as is demanded here. Until `listed` is taken out, others may
+        // access its node under the lock of its executor's boosts, so only the inheritor is
+        // referred to; it is that of the process with which `begin` has listed the node.
         unsafe {
             let this = entry.as_ptr();
             if (*this).is_listed {

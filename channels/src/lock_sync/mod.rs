@@ -37,17 +37,15 @@
 //    priority of the first waiter, no more and no less. Every change of the list or of the holder
 //    ends with that (`boost_holder`).
 // 2. *A chain.* The holder may wait for another mutex itself. The waits of each process (or thread)
-// are listed with it, under the lock of its executor's boosts. A thread that changes a boost
-// follows these
-//    lists without holding a wait point's lock (`chain`): it takes the next wait point's lock,
-//    moves the node to where its process' priority now belongs, and boosts the next holder. Each
-//    step uses the priority as it is then, so of several threads that follow the same chain at once
-//    the last one leaves it right. A node is listed with its process before its priority is read: a
-//    boost that comes earlier is seen, one that comes later finds the node.
+//    are listed with it, under the lock of its executor's boosts. A thread that changes a boost
+//    follows these lists without holding a wait point's lock (`chain`): it takes the next wait
+//    point's lock, moves the node to where its process' priority now belongs, and boosts the next
+//    holder. Each step uses the priority as it is then, so of several threads that follow the same
+//    chain at once the last one leaves it right. A node is listed with its process before its
+//    priority is read: a boost that comes earlier is seen, one that comes later finds the node.
 // 3. *Order of locks*: a condition's wait point, a mutex's wait point, a process' executor. A chain
-// is followed from no lock. `next_wait` leaves the lock of an executor's boosts with a counted
-// reference to
-//    the mutex, since its future may go at once.
+//    is followed from no lock. `next_wait` leaves the lock of an executor's boosts with a counted
+//    reference to the mutex, since its future may go at once.
 // 4. *Memory is never touched too late.* A settled node belongs to its future. A thread without a
 //    handle (a notifier, a chain) that locks a mutex keeps it by a reference.
 // 5. *A condition moves a notified waiter* to the list of the mutex (or makes it the holder), and
