@@ -7,30 +7,31 @@
 //!               a deadline is armed, or the executor wakes and has one
 //!   calm -----------------------------> looking: the bit stays set, each round reads the clock
 //!     ^                                    |  ^
-//!     | the thread sleeps                  |  | the alarm went off; a loop's cycle begins
-//!     |                  after 32 rounds   v  |
-//!     '---------------------------------- busy: an alarm of the kernel sets the bit
+//!     | the thread sleeps                  |  | the alarm rang; a loop's cycle begins
+//!     |    after 32 rounds, if none is near v  |
+//!     '---------------------------------- busy: the alarm sets the bit
 //! ```
 //!
-//! *Looking* costs a clock read a round, which is less than a timer of the kernel as long as the
-//! thread soon sleeps again: a timer takes a system call to arm, another to disarm, and its signal
-//! when it goes off. A thread that has not slept for [`ROUNDS_OF_LOOKING`] rounds is *busy*: then
-//! the [`Alarm`] is armed for the earliest deadline. The timer queue announces an earlier deadline
-//! ([`DeadlineListener`](luna_core::timer_queue::DeadlineListener)), which arms it again. A later
-//! one does not, and after a cancelled one it goes off without effect. So any number of timeouts
+//! *Looking* costs a clock read a round, which is less than an alarm as long as the thread soon
+//! sleeps again. A thread that has not slept for [`ROUNDS_OF_LOOKING`] rounds is *busy*: then the
+//! [`Alarm`] is armed for [`LEAD`] before the earliest deadline. From then on the executor looks
+//! until the deadline has come. So it notices each deadline at the first turn boundary behind it,
+//! and the time in which the alarm's thread wakes makes no process late.
+//!
+//! The timer queue announces an earlier deadline
+//! ([`DeadlineListener`](luna_core::timer_queue::DeadlineListener)), which arms the alarm again. A
+//! later one does not, and after a cancelled one it rings without effect. So any number of timeouts
 //! that are set and dropped costs one system call. The thread disarms it before it sleeps, since it
-//! then has the deadline from its sleep, and a signal would make its wake-up late.
+//! then has the deadline from its sleep.
 //!
 //! After a deadline, too, the executor reads the clock for [`ROUNDS_OF_LOOKING`] rounds. It then
 //! knows the begin and the end of each turn that delays the woken process ([`interference`]). Of
-//! the turn in which the alarm goes off it knows the end, and the time of the alarm.
+//! the turn in which the alarm rings it knows the end, and the time of the ring.
 //!
-//! Without an alarm (the portable backend, a kernel that refuses it, or a process that may make
-//! blocking calls, which the signal would interrupt) the executor looks as long as any deadline is
-//! armed.
+//! Without an alarm (the program may have no thread of a higher priority, or a process on a thread
+//! of its own) the executor looks as long as any deadline is armed.
 
 use crate::executor::{Serves, Shared};
-use crate::inbound::DEADLINE;
 use crate::interference;
 use core::cell::Cell;
 use luna_core::timer_queue::TimerQueue;
@@ -38,8 +39,12 @@ use luna_platform::alarm::Alarm;
 use luna_platform::clock::Instant;
 use luna_platform::sync::Arc;
 
+/// How long before a deadline the alarm rings, in nanoseconds: what its thread takes to run, with a
+/// margin. The executor's rounds are slower for so long.
+const LEAD: u64 = 30_000;
+
 /// For how many rounds the executor looks at the clock: together they cost about as much as an
-/// alarm that is armed, goes off, and is disarmed.
+/// alarm that is armed, rings, and is disarmed.
 const ROUNDS_OF_LOOKING: u32 = 32;
 
 /// The deadlines of an executor's thread.
@@ -47,7 +52,7 @@ const ROUNDS_OF_LOOKING: u32 = 32;
 /// # Invariants
 ///
 /// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is
-/// busy, it announces what comes before `armed`, which the alarm is armed for or has gone off for;
+/// busy, it announces what comes before `armed`, which the alarm is armed for or has rung for;
 /// [`Instant::NEVER`] if it is not armed.
 pub(crate) struct Deadlines {
     shared: Arc<Shared>,
@@ -62,7 +67,10 @@ pub(crate) struct Deadlines {
 impl Deadlines {
     /// For the executor `shared`, on its thread.
     pub(crate) fn new(shared: Arc<Shared>, timers: Arc<TimerQueue>) -> Self {
-        let alarm = || Alarm::new(shared.clone(), |shared| shared.inbound.word(), DEADLINE);
+        let alarm = || {
+            let shared = shared.clone();
+            Alarm::new(move || shared.inbound.ring())
+        };
         let has_alarm = shared.serves == Serves::Many;
         Self {
             alarm: has_alarm.then(alarm).flatten(),
@@ -83,10 +91,11 @@ impl Deadlines {
         }
         let now = Instant::now();
         interference::look(now);
-        if self.timers.next_deadline() <= now {
+        let next = self.timers.next_deadline();
+        if next <= now {
             self.timers.expire(now);
             self.looks.set(ROUNDS_OF_LOOKING);
-        } else {
+        } else if next.nanos_since(now) > LEAD {
             self.looks.set(self.looks.get() - 1);
             if self.looks.get() == 0 {
                 self.end();
@@ -103,7 +112,7 @@ impl Deadlines {
         if self.is_busy.get() && rung.is_none() && !interference::is_looking() {
             // Triggered by a new deadline, which may have come in the turn that has just ended.
             let deadline = self.timers.provided();
-            if deadline > Instant::now() && self.arm(deadline) {
+            if deadline.nanos_since(Instant::now()) > LEAD && self.arm(deadline) {
                 return false;
             }
         }
@@ -120,7 +129,7 @@ impl Deadlines {
     #[cold]
     fn end(&self) {
         let inbound = &self.shared.inbound;
-        // First: if the alarm goes off from here on, it sets the bit.
+        // First: if the alarm rings from here on, it sets the bit.
         inbound.take_look();
         self.take_rung();
         if self.arm(self.timers.next_deadline()) {
@@ -139,7 +148,6 @@ impl Deadlines {
             && let Some(alarm) = &self.alarm
         {
             alarm.disarm();
-            alarm.take_rung();
         }
         self.is_busy.set(false);
         let inbound = &self.shared.inbound;
@@ -158,21 +166,22 @@ impl Deadlines {
         next
     }
 
-    /// Has the alarm go off at `deadline` or before. `false`: there is none.
+    /// Has the alarm ring [`LEAD`] before `deadline`, or earlier. `false`: there is none.
     fn arm(&self, deadline: Instant) -> bool {
-        if deadline >= self.armed.get() {
-            return true;
-        }
-        let is_armed = self.alarm.as_ref().is_some_and(|alarm| alarm.arm(deadline));
-        if is_armed {
-            self.armed.set(deadline);
+        let Some(alarm) = &self.alarm else {
+            return false;
+        };
+        let at = Instant::from_nanos(deadline.as_nanos().saturating_sub(LEAD));
+        if deadline != Instant::NEVER && at < self.armed.get() {
+            alarm.arm(at);
+            self.armed.set(at);
             #[cfg(test)]
             tests::ARMED.set(tests::ARMED.get() + 1);
         }
-        is_armed
+        true
     }
 
-    /// When the alarm went off, if it has.
+    /// When the alarm rang, if it has.
     fn take_rung(&self) -> Option<Instant> {
         let rung = self.alarm.as_ref()?.take_rung()?;
         self.armed.set(Instant::NEVER);
@@ -305,14 +314,14 @@ mod tests {
         });
     }
 
-    /// The first poll boundary after a deadline notices it, also if an alarm went off without
+    /// The first poll boundary after a deadline notices it, also if an alarm rang without
     /// effect before.
     #[test]
     fn a_busy_executor_notices_a_deadline_after_the_turn_in_which_it_comes() {
         /// A turn, and what an interrupt may be late by.
         const TURN: Duration = Duration::from_millis(2);
         on_busy_executor(|| async {
-            // It goes off without effect.
+            // It rings without effect.
             drop({
                 let mut sleep = Box::pin(Sleep::until(Instant::now() + TURN));
                 poll(sleep.as_mut());

@@ -34,9 +34,9 @@ use luna_platform::sync::atomic::{AtomicU64, Ordering};
 const ASLEEP: u64 = 1 << 32;
 /// Set to make the owner look beyond its queues: at processes to start, or at the request to stop.
 const ATTENTION: u64 = 1 << 33;
-/// Set to make the owner look at its deadlines: by the owner itself, or by a signal handler on its
-/// thread. It does not prevent the owner from sleeping; its sleep ends at the next deadline anyway.
-pub(crate) const DEADLINE: u64 = 1 << 34;
+/// Set to make the owner look at its deadlines: by the owner itself, or by its alarm's thread. It
+/// does not prevent the owner from sleeping; its sleep ends at the next deadline anyway.
+const DEADLINE: u64 = 1 << 34;
 /// Set from the owner's first wait for a file on: it looks at its files between two polls. As
 /// `DEADLINE`, it prevents no sleep.
 const FILES: u64 = 1 << 35;
@@ -156,9 +156,11 @@ impl Inbound {
         remote_wakes.take(&self.near, level, woken);
     }
 
-    /// The word of the signals, for code that sets [`DEADLINE`] on the owner's thread.
-    pub(crate) fn word(&self) -> &AtomicU64 {
-        &self.signals
+    /// As [`ask_look`](Self::ask_look), by the thread of the owner's alarm, once the alarm has
+    /// noted that it rings. It does not wake an owner that sleeps. An owner that takes the bit back
+    /// sees what was noted: so the bit is set also where it seems to be set.
+    pub(crate) fn ring(&self) {
+        self.signals.fetch_or(DEADLINE, Ordering::AcqRel);
     }
 
     /// Makes the owner look at its deadlines before it polls. Owner only.

@@ -5,7 +5,7 @@
 //! with one store of the number of the process that was polled last. When a deadline has come the
 //! executor looks at the clock before each poll for a while ([`deadlines`](crate::deadlines)): what
 //! has passed since its last look was the poll in between.
-//! Of the poll in which a busy executor's alarm went off the part from then on is known. Polls
+//! Of the poll in which a busy executor's alarm rang the part from then on is known. Polls
 //! before that are not reported.
 
 use core::cell::Cell;

@@ -21,7 +21,7 @@
 //!
 //! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was
 //!   refused, why, and how to get it.
-//! - [`clock`], [`futex`], [`bell`], [`event_count`], [`lock`], [`spin`], [`timer_fd`],
+//! - [`clock`], [`futex`], [`bell`], [`deadline_sleep`], [`event_count`], [`lock`], [`spin`],
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
@@ -63,6 +63,7 @@ pub mod bell;
 pub mod clock;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod crash;
+pub mod deadline_sleep;
 mod debug;
 pub mod event_count;
 #[cfg(all(feature = "std", not(loom)))]
@@ -97,8 +98,6 @@ pub mod sync;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod thread;
 
-#[cfg(all(feature = "std", not(loom)))]
-pub mod timer_fd;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod usage;
 

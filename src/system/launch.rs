@@ -200,7 +200,7 @@ fn start_timers(
     loops: usize,
     emergency: &Arc<Emergency>,
 ) -> Result<ManagerThread> {
-    manager.prepare(settings.max_timers.unwrap_or(MAX_CALLBACKS))?;
+    manager.prepare(settings.max_timers.unwrap_or(MAX_CALLBACKS));
     let policy = needs.policy(TIMER_PRIORITY);
     let mut attributes = Attributes::framework("luna-timers", policy).mode(needs.mode);
     if let Some(core) = settings.timer_core {

@@ -29,7 +29,6 @@ mod context;
 mod critical;
 mod port;
 
-#[path = "../portable/alarm.rs"]
 pub mod alarm;
 #[path = "../portable/boost.rs"]
 pub mod boost;

@@ -21,5 +21,4 @@ pub(crate) mod signals;
 pub(crate) mod socket;
 pub(crate) mod steal;
 pub(crate) mod thread;
-pub(crate) mod timer_fd;
 pub(crate) mod usage;

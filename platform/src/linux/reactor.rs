@@ -1,23 +1,29 @@
-//! One epoll, with a timerfd for the deadline and an eventfd for other threads.
+//! One epoll, with an eventfd for other threads. Its thread sleeps in `ppoll`, which takes the
+//! deadline.
 //!
-//! Both are watched edge-triggered, so neither is ever read: arming a timer forgets what expired
-//! before, and each write to an eventfd is an edge of its own, whatever it has counted to.
+//! The kernel ends a sleep in `ppoll` under a real-time policy in the timer's interrupt itself. A
+//! timerfd would expire in a kernel thread of low priority on PREEMPT_RT. `epoll_wait` knows
+//! milliseconds alone, and `epoll_pwait2` is missing before Linux 5.11.
+//!
+//! The eventfd is watched edge-triggered, so it is never read: each write to it is an edge of its
+//! own, whatever it has counted to.
 
-use super::timer_fd::TimerFd;
+use super::clock::timespec;
 use crate::clock::Instant;
 use crate::path::{self, Call};
 use crate::reactor::{Ended, FIRST_RESERVED_TOKEN, Interest, ReactorError, Readiness};
-use crate::timer_fd::TimerError;
 use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::eventfd::{EfdFlags, EventFd};
-use std::os::fd::{AsRawFd, BorrowedFd};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 
 /// The eventfd's token.
 const WAKE: u64 = FIRST_RESERVED_TOKEN;
-/// The timerfd's token.
-const TIMER: u64 = FIRST_RESERVED_TOKEN + 1;
+
+/// A longer sleep, in nanoseconds, is made in two: the kernel may end that of an ordinary thread
+/// late by 1/1000 of its length, or by 1/200 with a low nice value.
+const LONG_SLEEP: u64 = 4_000_000;
 
 /// How many events one call reports. Others are reported by the next.
 const EVENTS: usize = 64;
@@ -46,12 +52,7 @@ const EVENTS: usize = 64;
 #[derive(Debug)]
 pub struct Reactor {
     epoll: Epoll,
-    timer: TimerFd,
     waker: EventFd,
-    /// The deadline that the timer is armed for, in nanoseconds; that of `NEVER` when it is not, or
-    /// has expired. Only the thread that waits touches it; an atomic so that others may call `wake`
-    /// meanwhile.
-    armed: AtomicU64,
 }
 
 impl Reactor {
@@ -59,28 +60,19 @@ impl Reactor {
     ///
     /// # Errors
     ///
-    /// The process has no file descriptors left (it takes three), or (elsewhere)
+    /// The process has no file descriptors left (it takes two), or (elsewhere)
     /// [`ReactorError::Unsupported`].
     pub fn new() -> Result<Reactor, ReactorError> {
         let epoll =
             Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(refused("epoll_create1"))?;
-        let timer = TimerFd::new().map_err(timer_refused)?;
         // Non-blocking: a counter at its end, after 2^64 wakes, must not block the waking thread.
         let waker = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK)
             .map_err(refused("eventfd"))?;
         let edge = EpollFlags::EPOLLIN | EpollFlags::EPOLLET;
         epoll
-            .add(&timer, EpollEvent::new(edge, TIMER))
-            .map_err(refused("epoll_ctl"))?;
-        epoll
             .add(&waker, EpollEvent::new(edge, WAKE))
             .map_err(refused("epoll_ctl"))?;
-        Ok(Reactor {
-            epoll,
-            timer,
-            waker,
-            armed: AtomicU64::new(Instant::NEVER.as_nanos()),
-        })
+        Ok(Reactor { epoll, waker })
     }
 
     /// Watches `fd`, and reports it once, with `token`, when it is as `interest` says. After that,
@@ -135,9 +127,9 @@ impl Reactor {
     /// ([`Instant::NEVER`]: never); calls `on_ready` with the token of each ready file, at most 64
     /// of them, before it returns.
     ///
-    /// With a deadline that has passed it polls without waiting. One system call, and one more to
-    /// arm the timer if the deadline is another one than last time. A wake from before the wait
-    /// ends it at once. May end spuriously after a signal.
+    /// With a deadline that has passed it polls without waiting. One system call, and one more if
+    /// it waits; two more if the deadline is more than 4 ms away. A wake from before the wait ends
+    /// it at once. May end spuriously after a signal.
     ///
     /// # Errors
     ///
@@ -147,51 +139,44 @@ impl Reactor {
         deadline: Instant,
         on_ready: &mut dyn FnMut(u64, Readiness),
     ) -> Result<Ended, ReactorError> {
-        let mut events = [EpollEvent::empty(); EVENTS];
-        loop {
-            let is_due = deadline <= Instant::now_real();
-            if !is_due
-                && deadline != Instant::NEVER
-                && self.armed.load(Ordering::Relaxed) != deadline.as_nanos()
-            {
-                self.timer.arm_at(deadline).map_err(timer_refused)?;
-                self.armed.store(deadline.as_nanos(), Ordering::Relaxed);
-            }
-            let timeout = if is_due {
-                EpollTimeout::ZERO
-            } else {
-                EpollTimeout::NONE
-            };
-            let mut ended = Ended {
-                timed_out: is_due,
-                ..Ended::default()
-            };
-            let count = match path::expected(Call::Sleep, || self.epoll.wait(&mut events, timeout))
-            {
-                Ok(count) => count,
-                Err(Errno::EINTR) => return Ok(ended),
-                Err(error) => return Err(refused("epoll_wait")(error)),
-            };
-            for event in &events[..count] {
-                match event.data() {
-                    WAKE => ended.woken = true,
-                    TIMER => {
-                        self.armed
-                            .store(Instant::NEVER.as_nanos(), Ordering::Relaxed);
-                        ended.timed_out |= deadline <= Instant::now_real();
-                    }
-                    token => {
-                        ended.files += 1;
-                        on_ready(token, readiness(event.events()));
-                    }
-                }
-            }
-            // Else it was the timer alone, armed for an earlier deadline: a later one does not
-            // disarm it.
-            if ended != Ended::default() || is_due {
-                return Ok(ended);
+        while deadline > Instant::now_real() {
+            match self.sleep(deadline) {
+                Ok(true) => break,
+                Ok(false) => {}
+                Err(Errno::EINTR) => return Ok(Ended::default()),
+                Err(error) => return Err(refused("ppoll")(error)),
             }
         }
+        let mut ended = Ended {
+            timed_out: deadline <= Instant::now_real(),
+            ..Ended::default()
+        };
+        let mut events = [EpollEvent::empty(); EVENTS];
+        let count = path::expected(Call::Sleep, || {
+            self.epoll.wait(&mut events, EpollTimeout::ZERO)
+        });
+        for event in &events[..count.map_err(refused("epoll_wait"))?] {
+            if event.data() == WAKE {
+                ended.woken = true;
+            } else {
+                ended.files += 1;
+                on_ready(event.data(), readiness(event.events()));
+            }
+        }
+        Ok(ended)
+    }
+
+    /// Sleeps until there is an event, or until `deadline` or somewhat before; returns whether
+    /// there is an event.
+    fn sleep(&self, deadline: Instant) -> Result<bool, Errno> {
+        let left = deadline.nanos_since(Instant::now_real());
+        let left = match left {
+            0..LONG_SLEEP => left,
+            _ => left - left / 128,
+        };
+        let left = (deadline != Instant::NEVER).then(|| timespec(left).into());
+        let mut epoll = [PollFd::new(self.epoll.0.as_fd(), PollFlags::POLLIN)];
+        path::expected(Call::Sleep, || ppoll(&mut epoll, left, None)).map(|ready| ready > 0)
     }
 
     /// Ends the present wait, or else the next. From any thread; one system call. Several before a
@@ -228,13 +213,6 @@ fn readiness(flags: EpollFlags) -> Readiness {
 fn refused(call: &'static str) -> impl Fn(Errno) -> ReactorError {
     move |error| ReactorError::Kernel {
         call,
-        message: error.to_string(),
-    }
-}
-
-fn timer_refused(error: TimerError) -> ReactorError {
-    ReactorError::Kernel {
-        call: "timerfd_create",
         message: error.to_string(),
     }
 }

@@ -6,7 +6,7 @@ use super::privileges;
 use crate::facts::parse::{core_list, write_core_list};
 use crate::facts::task::CAP_SYS_NICE;
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
-use crate::thread::{Attributes, Obtained, Policy};
+use crate::thread::{Attributes, EMERGENCY_PRIORITY, Obtained, Policy};
 use nix::errno::Errno;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::prctl;
@@ -71,6 +71,15 @@ pub fn current_policy() -> Policy {
         libc::SCHED_DEADLINE => deadline::get(),
         _ => Policy::Other,
     }
+}
+
+/// What the process may have by its capabilities and its limit.
+pub fn highest_priority() -> u8 {
+    if privileges::effective(CAP_SYS_NICE) == Some(true) {
+        return EMERGENCY_PRIORITY;
+    }
+    let limit = getrlimit(Resource::RLIMIT_RTPRIO).map_or(0, |(soft, _)| soft);
+    limit.min(u64::from(EMERGENCY_PRIORITY)) as u8
 }
 
 /// The first step of a new thread: leave the signals that end a program to the threads made

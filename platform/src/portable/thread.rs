@@ -53,6 +53,11 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     Ok(obtained)
 }
 
+/// Threads have no priorities here.
+pub fn highest_priority() -> u8 {
+    0
+}
+
 /// The policy of this thread.
 pub fn current_policy() -> Policy {
     Policy::Other

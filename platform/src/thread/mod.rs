@@ -171,6 +171,14 @@ pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, SpawnError>
 /// deadline policy.
 pub use backend::current_policy;
 
+/// The highest real-time priority that the process may have, 0 for none. The system may refuse it
+/// all the same, in a container for instance. Not for the real-time path: reads a file.
+///
+/// ```
+/// assert!(luna_platform::thread::highest_priority() <= 99);
+/// ```
+pub use backend::highest_priority;
+
 /// The core that the calling thread runs on at this moment, if the system reports it. No system
 /// call with a vDSO.
 pub use backend::current_core;

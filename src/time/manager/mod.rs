@@ -3,21 +3,19 @@
 //!
 //! ```text
 //!   loop, in `next`                        manager's thread
-//!   1 arms its slot in the manager's       a sleeps on the alarm: one timer of the kernel
-//!     queue, and the alarm if that    ---> b takes off all whose slot has come, under the queue's lock
-//!     is the first one                     c wakes them, most urgent first, without a lock
+//!   1 arms its slot in the manager's       a sleeps until the first slot of the queue
+//!     queue, and wakes the manager    ---> b takes off all whose slot has come, under the queue's lock
+//!     if that is the first one             c wakes them, most urgent first, without a lock
 //!                                          d runs the callbacks that are due
-//!                                          e arms the alarm for the next
 //! ```
 //!
 //! The queue is [`luna_core::timer_queue`], as executors have it, but any thread arms in it.
-//! [`TimerSlot`] is a loop's place, `alarm` the timer, `callbacks` what is called on the thread
-//! itself, `thread` the thread's life, `handle` what the user has of it.
+//! [`TimerSlot`] is a loop's place, `callbacks` what is called on the thread itself, `thread` the
+//! thread's life, `handle` what the user has of it.
 //!
 //! Locks, in this order: the callbacks', the queue's. No more than O(log of what is
 //! armed) is done under one, and no user code runs there.
 
-mod alarm;
 mod callbacks;
 mod handle;
 mod report;
@@ -29,11 +27,11 @@ pub use report::{CallbackReport, TimersReport};
 pub(crate) use thread::ManagerThread;
 
 use crate::error::SetupError;
-use alarm::Alarm;
 use callbacks::Callbacks;
-use luna_core::timer_queue::{Sleep, TimerQueue};
+use luna_core::timer_queue::{DeadlineListener, Sleep, TimerQueue};
 use luna_executors::UnderWay;
 use luna_platform::clock::Instant;
+use luna_platform::deadline_sleep::DeadlineSleep;
 use luna_platform::sync::Arc as QueueArc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -76,12 +74,25 @@ pub(crate) struct Manager {
     start: AtomicU64,
 }
 
-/// What needs the kernel's timer.
+/// What the thread sleeps for.
 struct Engine {
-    alarm: Arc<Alarm>,
+    nap: Arc<Nap>,
     queue: QueueArc<TimerQueue>,
     /// The longest time from a slot until the thread dealt with it, in nanoseconds.
     latest: AtomicU64,
+}
+
+/// The sleep of the thread, which any thread may end.
+struct Nap(DeadlineSleep);
+
+impl DeadlineListener for Nap {
+    fn ask_look(&self) {
+        self.ask_look_at(Instant::from_nanos(0));
+    }
+
+    fn ask_look_at(&self, deadline: Instant) {
+        self.0.wake_by(deadline);
+    }
 }
 
 impl Engine {
@@ -91,18 +102,17 @@ impl Engine {
 }
 
 impl Manager {
-    /// Makes the kernel's timer, and room for `most` callbacks.
-    pub(crate) fn prepare(&self, most: usize) -> Result<(), SetupError> {
-        let alarm = Arc::new(Alarm::new()?);
+    /// Makes the queue, and room for `most` callbacks.
+    pub(crate) fn prepare(&self, most: usize) {
+        let nap = Arc::new(Nap(DeadlineSleep::new()));
         self.callbacks.close_room(most);
-        let queue = QueueArc::new(TimerQueue::shared(alarm.clone()));
+        let queue = QueueArc::new(TimerQueue::shared(nap.clone()));
         // It is launched once.
         let _ = self.engine.set(Engine {
-            alarm,
+            nap,
             queue,
             latest: AtomicU64::new(0),
         });
-        Ok(())
     }
 
     /// There is no thread for it, since time is virtual: callbacks are refused.

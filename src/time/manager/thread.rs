@@ -143,7 +143,13 @@ impl Shared {
         drop(self.panic.lock());
         current::set_on_path(true);
         while !self.is_to_end.load(Ordering::Acquire) {
-            engine.alarm.wait();
+            engine
+                .nap
+                .0
+                .sleep(|| match self.is_to_end.load(Ordering::Acquire) {
+                    true => Instant::from_nanos(0),
+                    false => engine.queue.next_deadline(),
+                });
             let mut is_all = false;
             while !is_all {
                 let now = Instant::now();
