@@ -23,6 +23,16 @@ use luna_platform::panics::{catch_unwind, resume};
 #[cfg(feature = "std")]
 use luna_platform::usage;
 
+/// How much earlier than a deadline the kernel is to end a sleep, in nanoseconds: what the thread
+/// takes from there to the process that waits. If the kernel is quicker than that, the thread reads
+/// the clock for the rest.
+const EARLY: u64 = 1_000;
+
+/// A shorter sleep, in nanoseconds, is none: the way into the kernel and back may take longer, and a
+/// deadline that comes meanwhile is late by it. The thread reads the clock until the deadline
+/// instead.
+const SHORTEST_SLEEP: u64 = 10_000;
+
 /// The thread of an executor.
 pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let timers = Arc::new(TimerQueue::attended(shared.clone()));
@@ -187,11 +197,14 @@ pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
     interference::rest();
 }
 
-/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a
-/// deadline or files only other threads can end the sleep; the observer of quiescence is notified
-/// of that.
+/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for or the
+/// deadline is near. Without a deadline or files only other threads can end the sleep; the observer
+/// of quiescence is notified of that.
 pub(super) fn sleep(shared: &Shared, deadline: Instant) {
-    let spin = shared.spin.load(Ordering::Relaxed);
+    let spin = match is_near(deadline) {
+        true => SHORTEST_SLEEP,
+        false => shared.spin.load(Ordering::Relaxed),
+    };
     if spin > 0 {
         let found = || {
             file_watch::glance(shared.inbound.bell());
@@ -203,7 +216,9 @@ pub(super) fn sleep(shared: &Shared, deadline: Instant) {
         }
     }
     events::report_executor(events::code::ASLEEP);
-    if deadline != Instant::NEVER || file_watch::is_waiting(shared.inbound.bell()) {
+    if deadline != Instant::NEVER {
+        shared.inbound.sleep(deadline - Duration::from_nanos(EARLY));
+    } else if file_watch::is_waiting(shared.inbound.bell()) {
         shared.inbound.sleep(deadline);
     } else {
         shared
@@ -211,4 +226,11 @@ pub(super) fn sleep(shared: &Shared, deadline: Instant) {
             .sleep_quiescent(&shared.quiescence, || shared.registry.announce());
     }
     events::report_executor(events::code::AWAKE);
+}
+
+/// Whether it comes sooner than a sleep would end. Without an operating system a sleep ends at once.
+fn is_near(deadline: Instant) -> bool {
+    cfg!(feature = "std")
+        && deadline != Instant::NEVER
+        && deadline.nanos_since(Instant::now()) < SHORTEST_SLEEP
 }

@@ -3,6 +3,7 @@
 use super::clock::timespec;
 use crate::clock::Instant;
 use crate::futex::Waited;
+use nix::errno::Errno;
 use std::ptr;
 use std::sync::atomic::AtomicU32;
 
@@ -54,7 +55,7 @@ impl Futex {
                 libc::FUTEX_BITSET_MATCH_ANY,
             )
         };
-        if outcome == -1 && nix::errno::Errno::last() == nix::errno::Errno::ETIMEDOUT {
+        if outcome == -1 && Errno::last_raw() == libc::ETIMEDOUT {
             Waited::TimedOut
         } else {
             Waited::Woken

@@ -10,6 +10,7 @@ use luna_core::current;
 use luna_core::events::{self, Kind};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::{Clock, Instant, nanos};
+use std::pin::pin;
 use std::time::Duration;
 
 /// What follows the end of a cycle.
@@ -64,9 +65,7 @@ impl Periodic {
             Then::Fail(failure) => fail_current(failure).await,
         }
         self.statistics().late.asked(asked, run);
-        self.wait_until_slot(asked, target).await;
-        // Without a guard the slot has come: one look at the clock.
-        let now = spin::until(target).await;
+        let now = self.wait_until_slot(asked, target).await;
         let cycle = self.begin_cycle(target, now);
         if current::has_replay_log() {
             replay::note_cycle([
@@ -113,12 +112,14 @@ impl Periodic {
         (Some(run), Then::GoOn)
     }
 
-    /// Waits until the slot at `target`, or until its guard begins.
-    async fn wait_until_slot(&mut self, asked: Instant, target: Instant) {
+    /// Waits until the slot at `target`: asleep until its guard begins, then on the clock. Gives the
+    /// time that it read last.
+    async fn wait_until_slot(&mut self, asked: Instant, target: Instant) -> Instant {
         if target <= asked {
             // Behind time: still a scheduling point, else it would keep the executor from timers,
             // wakes and its own cancellation.
-            return luna_executors::yield_now().await;
+            luna_executors::yield_now().await;
+            return Instant::now();
         }
         // Virtual time stands while a process spins.
         let guard = if Clock::is_virtual_here() {
@@ -127,9 +128,12 @@ impl Periodic {
             self.guard
         };
         let awake = target - Duration::from_nanos(guard);
+        let mut sleep = pin!(Sleep::until(awake));
         if !events::waits_in(self.in_events(), self.wait_for_tick(awake)).await {
-            events::waits_in(self.in_events(), Sleep::until(awake)).await;
+            events::waits_in(self.in_events(), sleep.as_mut()).await;
         }
+        // Without a guard the slot has come: one look at the clock.
+        spin::until(target).await
     }
 
     /// The cycle from the replay log.
