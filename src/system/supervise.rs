@@ -21,7 +21,7 @@ use luna_core::current;
 use luna_core::events::code;
 use luna_platform::clock::{Clock, Instant, nanos};
 use luna_platform::signals::HeldBack;
-use luna_platform::thread::HandlerStack;
+use luna_platform::thread::{HandlerStack, Obtained, above_users};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -93,6 +93,17 @@ fn release(plan: &Plan, launched: &mut Launched, system_threads: &SystemThreads<
     // If an emergency has run its functions before the start, the processes are not released.
     if !common.emergency.has_begun() {
         launched.safety.emergency.arm();
+        // A thread that is released and always busy would keep this one from releasing the others,
+        // also more urgent ones, where it has the only free core.
+        let has_real_time = |obtained: Option<&Obtained>| {
+            obtained.is_some_and(|obtained| obtained.policy.is_real_time())
+        };
+        let executors = &system_threads.executors;
+        let is_real_time = executors
+            .iter()
+            .any(|(_, one)| has_real_time(one.obtained()))
+            || (plan.members().threads.iter()).any(|(_, one)| has_real_time(one.obtained()));
+        let _above_users = is_real_time.then(above_users);
         for (_, executor) in &system_threads.executors {
             executor.release();
         }

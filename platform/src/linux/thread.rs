@@ -5,8 +5,9 @@ use super::deadline;
 use super::privileges;
 use crate::facts::parse::{core_list, write_core_list};
 use crate::facts::task::CAP_SYS_NICE;
+use crate::on_drop::OnDrop;
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
-use crate::thread::{Attributes, EMERGENCY_PRIORITY, Obtained, Policy};
+use crate::thread::{Attributes, EMERGENCY_PRIORITY, Obtained, Policy, TIMER_PRIORITY};
 use nix::errno::Errno;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::prctl;
@@ -113,6 +114,22 @@ pub(crate) fn demote(number: i32) {
     let _ = set_scheduler(number, libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK, 0);
     // SAFETY: a plain system call.
     unsafe { libc::syscall(libc::SYS_setpriority, libc::PRIO_PROCESS, number, 19) };
+}
+
+/// Until the guard is dropped, the calling thread runs before all threads of users. One that the
+/// kernel refuses this, and one of a deadline policy, goes on as it is.
+pub(crate) fn above_users() -> OnDrop<impl FnMut()> {
+    let own = scheduler(0).filter(|&(policy, _)| {
+        let flag = policy & libc::SCHED_RESET_ON_FORK;
+        policy & !flag != libc::SCHED_DEADLINE
+            && set_scheduler(0, libc::SCHED_FIFO | flag, TIMER_PRIORITY.into()).is_ok()
+    });
+    OnDrop::new(move || {
+        if let Some((policy, priority)) = own {
+            // From the higher priority to its own is always allowed.
+            let _ = set_scheduler(0, policy, priority);
+        }
+    })
 }
 
 /// The kernel's number of a real-time policy with a priority, for a thread whose children are

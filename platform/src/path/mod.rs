@@ -18,9 +18,6 @@ pub enum Call {
     Wake,
     /// To sleep, or to poll files without sleeping.
     Sleep,
-    /// To arm or disarm a timer: that of a loop, or the [alarm](crate::alarm) of an executor that
-    /// is busy when its earliest deadline changes.
-    ArmTimer,
     /// To wait for a contended priority-inheriting lock, or to hand it over.
     Lock,
     /// To revoke the bias of a lock: once in the life of a channel, when another thread first uses

@@ -1,6 +1,7 @@
 //! Threads as the standard library makes them: with a name and a stack. Policies and cores are
 //! refused.
 
+use crate::on_drop::OnDrop;
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
 use crate::thread::{Attributes, Obtained, Policy};
 use std::marker::PhantomData;
@@ -51,6 +52,11 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     }
     attributes.settle_spin(&mut obtained)?;
     Ok(obtained)
+}
+
+/// Threads have no priorities here.
+pub(crate) fn above_users() -> OnDrop<impl FnMut()> {
+    OnDrop::new(|| ())
 }
 
 /// Threads have no priorities here.

@@ -35,6 +35,7 @@ pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError,
 pub use crate::backend::thread::HandlerStack;
 
 use crate::backend::thread as backend;
+use crate::on_drop::OnDrop;
 use crate::panics;
 use crate::shortfall::Shortfall;
 use std::convert::Infallible;
@@ -242,6 +243,21 @@ pub fn promote(thread: ThreadNumber, policy: Policy) {
 /// ```
 pub fn demote(thread: ThreadNumber) {
     backend::demote(thread.0);
+}
+
+/// Until the guard is dropped, the calling thread runs before all threads of users: at SCHED_FIFO
+/// 98, if the program is allowed to. For some steps that the threads which they wake must not
+/// interrupt; start no thread meanwhile. Three system calls now, one when it is dropped.
+///
+/// ```
+/// use luna_platform::thread::{above_users, current_policy};
+///
+/// let own = current_policy();
+/// drop(above_users());
+/// assert_eq!(current_policy(), own);
+/// ```
+pub fn above_users() -> OnDrop<impl FnMut()> {
+    backend::above_users()
 }
 
 /// A running thread made by [`spawn`]. Dropped without [`join`](Self::join), the thread goes on by

@@ -52,19 +52,15 @@ impl Made {
             }
             Call::Sleep => {
                 self.futex_operation() == Some(libc::FUTEX_WAIT_BITSET)
+                    // The reactor, and its look at what is ready.
                     || matches!(
                         number,
-                        libc::SYS_epoll_wait
+                        libc::SYS_ppoll
+                            | libc::SYS_epoll_wait
                             | libc::SYS_epoll_pwait
                             | libc::SYS_epoll_pwait2
-                            | libc::SYS_poll
-                            | libc::SYS_ppoll
-                            // A timer that is a file.
-                            | libc::SYS_read
                     )
             }
-            // A timer file, or the thread's own timer for deadlines that come while it is busy.
-            Call::ArmTimer => matches!(number, libc::SYS_timerfd_settime | libc::SYS_timer_settime),
             Call::Lock => matches!(
                 self.futex_operation(),
                 Some(libc::FUTEX_LOCK_PI | libc::FUTEX_LOCK_PI2 | libc::FUTEX_UNLOCK_PI)

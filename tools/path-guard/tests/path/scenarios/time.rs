@@ -31,8 +31,8 @@ pub(crate) fn delays(places: &mut Places) {
     }
 }
 
-/// An executor that does not sleep has an alarm for its deadlines: for the earliest one, an earlier
-/// one that comes, and one that is dropped.
+/// An executor that does not sleep wakes the thread of its alarm: for the earliest deadline, an
+/// earlier one that comes, and one that is dropped.
 pub(crate) fn delays_of_a_busy_executor(places: &mut Places) {
     for busy in 0..3 {
         places.process(&format!("busy {busy}"), async move {
