@@ -41,7 +41,7 @@ use luna_platform::sync::Arc;
 
 /// How long before a deadline the alarm rings, in nanoseconds: what its thread takes to run, with a
 /// margin. The executor's rounds are slower for so long.
-const LEAD: u64 = 30_000;
+const LEAD: u64 = 20_000;
 
 /// For how many rounds the executor looks at the clock: together they cost about as much as an
 /// alarm that is armed, rings, and is disarmed.
