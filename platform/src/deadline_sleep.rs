@@ -124,6 +124,32 @@ mod loom_tests {
             setters.map(|setter| setter.join().unwrap());
         });
     }
+
+    /// The sleeper has just woken at 5, when another thread sets a deadline behind that: it is not
+    /// to be taken for one that the sleeper wakes at.
+    #[test]
+    fn a_deadline_behind_the_last_sleep_is_noticed() {
+        loom::model(|| {
+            let (sleep, deadline) = (DeadlineSleep::new(), AtomicU64::new(u64::MAX));
+            sleep.until.store(5, Ordering::Relaxed);
+            let shared = Arc::new((sleep, deadline));
+            let own = shared.clone();
+            let setter = loom::thread::spawn(move || {
+                own.1.store(10, Ordering::Relaxed);
+                own.0.wake_by(Instant::from_nanos(10));
+            });
+            let (sleep, deadline) = &*shared;
+            // Once it is seen the sleep would end with it.
+            let is_seen = || deadline.load(Ordering::Relaxed) == 10;
+            while !is_seen() {
+                sleep.sleep(|| match is_seen() {
+                    true => Instant::from_nanos(0),
+                    false => Instant::NEVER,
+                });
+            }
+            setter.join().unwrap();
+        });
+    }
 }
 
 #[cfg(all(test, not(loom)))]
