@@ -142,15 +142,20 @@
 //! [`clean_up`].
 
 #![cfg(target_os = "linux")]
-#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
-
-// Its messages go where this says: nowhere.
-extern crate iceoryx2_bb_loggers as _;
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::arithmetic_side_effects
+    )
+)]
 
 pub mod any;
 mod blackboard;
 mod call;
 mod codec;
+mod copy;
 mod error;
 mod files;
 mod inherit;
@@ -159,7 +164,9 @@ mod loan;
 pub mod look;
 mod memory;
 mod name;
+mod owned;
 mod receive_link;
+mod segment;
 mod send_link;
 #[cfg(feature = "serde")]
 mod serde_types;
@@ -307,14 +314,18 @@ impl Endpoint {
 
     /// Opens the sending side. The other program may open its side earlier or later.
     ///
+    /// All memory that the channel uses is taken here, and locked as far as the system allows
+    /// ([`Status::is_locked`]).
+    ///
     /// Not for the real-time path: it makes files, maps memory and may wait for another program
-    /// that opens or closes the same channel. While the system runs, call it in
+    /// that opens or closes the same channel, for 5 s at most. While the system runs, call it in
     /// [`luna::blocking`].
     ///
     /// # Errors
     ///
     /// [`IpcError`]: a name that cannot be used, another program that holds the role, another type
-    /// on the other side, or the system's error. Nothing is left behind.
+    /// on the other side, files of another user, no room for the shared memory, or the system's
+    /// error. Nothing is left behind.
     pub fn sender<T: ZeroCopySend + Send + 'static>(
         &self,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
@@ -386,7 +397,15 @@ impl Endpoint {
         Ok((receiver.named(&self.name), Link::new(session, near)))
     }
 
-    fn open(&self, role: Role, info: TypeInfo, size: usize) -> Result<Session, IpcError> {
-        Session::open(Name::new(&self.name)?, role, info, size)
+    /// `size`: of the segment, if there are addresses for it.
+    fn open(&self, role: Role, info: TypeInfo, size: Option<usize>) -> Result<Session, IpcError> {
+        let name = Name::new(&self.name)?;
+        match size {
+            Some(size) => Session::open(name, role, info, size),
+            None => Err(IpcError::Size {
+                name: self.name.clone(),
+                value: Box::new(info),
+            }),
+        }
     }
 }

@@ -14,6 +14,7 @@ mod buffers;
 mod calls;
 mod child;
 mod death;
+mod foreign;
 mod guards;
 mod kill;
 mod kill_tasks;
@@ -21,6 +22,7 @@ mod loans;
 mod look;
 mod opening;
 mod rendezvous;
+mod room;
 mod same_core;
 #[cfg(feature = "serde")]
 mod serde_types;

@@ -1,0 +1,189 @@
+//! Shared memory that is had before it is used: reserved, touched and, where the system allows it,
+//! locked. A file that is only made longer takes its memory at the first access, and where none is
+//! left then, that access ends the program by SIGBUS.
+
+use crate::IpcError;
+use crate::name::Name;
+use memmap2::{Advice, MmapOptions, MmapRaw};
+use nix::errno::Errno;
+use nix::fcntl::posix_fallocate;
+use nix::sys::statvfs::fstatvfs;
+use std::fs::{self, File, Metadata};
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::MetadataExt;
+use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
+
+/// What one system call reserves: a call that a signal interrupts begins anew.
+const STEP: usize = 16 << 20;
+/// No page is smaller.
+const PAGE: usize = 4096;
+/// The unit of `st_blocks`.
+const BLOCK: u64 = 512;
+
+/// A mapping of a file, from its first byte on, the pages of which are in memory.
+///
+/// # Invariants
+///
+/// It can be written if it was made by [`reserve`](Self::reserve).
+#[derive(Debug)]
+pub(crate) struct Segment {
+    mapping: MmapRaw,
+    is_locked: bool,
+}
+
+impl Segment {
+    /// Takes memory for the first `size` bytes of a file, which is made so long, and maps them to
+    /// be read and written.
+    pub(crate) fn reserve(name: &Name, file: &File, size: usize) -> Result<Self, IpcError> {
+        let failed = |error: io::Error| refused(name, "reserve", error);
+        let found = file.metadata().map_err(failed)?;
+        let needed = size as u64;
+        let missing = needed.saturating_sub(held(&found));
+        let short = |(free, in_folder): (u64, bool)| IpcError::Room {
+            name: name.text().to_owned(),
+            size: needed,
+            free,
+            in_folder,
+        };
+        // Asked before, so that not all of the memory is taken from others until none is left.
+        let free = free(file).map_err(failed)?;
+        if missing > free.0 {
+            return Err(short(free));
+        }
+        fill(file, size).map_err(|error| match error {
+            Errno::ENOSPC | Errno::EFBIG | Errno::ENOMEM => short(free),
+            error => failed(error.into()),
+        })?;
+        let mapped = MmapOptions::new().len(size).map_raw(file);
+        let mapping = mapped.map_err(|error| refused(name, "map", error))?;
+        touch(&mapping).map_err(failed)?;
+        Ok(Self::locked(mapping))
+    }
+
+    /// Maps the first `size` bytes of a file to be read. Another program has reserved them.
+    pub(crate) fn look(name: &Name, file: &File, size: usize) -> Result<Self, IpcError> {
+        let failed = |error: io::Error| refused(name, "map", error);
+        let found = file.metadata().map_err(failed)?;
+        if held(&found) < found.len() || found.len() < size as u64 {
+            return Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            });
+        }
+        let mut options = MmapOptions::new();
+        let mapped = options.len(size).populate().map_raw_read_only(file);
+        mapped.map_err(failed).map(Self::locked)
+    }
+
+    /// The system may refuse it: then the pages stay as long as the computer does not swap.
+    fn locked(mapping: MmapRaw) -> Self {
+        let is_locked = mapping.lock().is_ok();
+        Self { mapping, is_locked }
+    }
+
+    pub(crate) fn is_locked(&self) -> bool {
+        self.is_locked
+    }
+
+    pub(crate) fn base(&self) -> *mut u8 {
+        self.mapping.as_mut_ptr()
+    }
+
+    pub(crate) fn size(&self) -> usize {
+        self.mapping.len()
+    }
+}
+
+fn refused(name: &Name, what: &'static str, error: io::Error) -> IpcError {
+    IpcError::Memory {
+        name: name.text().to_owned(),
+        what,
+        why: error.to_string(),
+    }
+}
+
+/// The bytes that the file has in memory.
+fn held(found: &Metadata) -> u64 {
+    found.blocks().saturating_mul(BLOCK)
+}
+
+/// The bytes that can be had, and whether the file system is what bounds them.
+fn free(file: &File) -> io::Result<(u64, bool)> {
+    let found = fstatvfs(file)?;
+    let folder = found
+        .blocks_available()
+        .saturating_mul(found.fragment_size());
+    // Where the system does not say what is left of its memory, the file system alone counts.
+    let memory = fs::read_to_string("/proc/meminfo").ok();
+    let memory = memory.as_deref().and_then(available).unwrap_or(u64::MAX);
+    Ok((folder.min(memory), folder <= memory))
+}
+
+/// `MemAvailable:    7654321 kB`, in bytes.
+fn available(text: &str) -> Option<u64> {
+    let line = text
+        .lines()
+        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let number: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    number.checked_mul(1024)
+}
+
+fn fill(file: &File, size: usize) -> Result<(), Errno> {
+    let size = libc::off_t::try_from(size).map_err(|_| Errno::EFBIG)?;
+    for begin in (0..size).step_by(STEP) {
+        let length = size.saturating_sub(begin).min(STEP as libc::off_t);
+        while let Err(error) = posix_fallocate(file, begin, length) {
+            if error != Errno::EINTR {
+                return Err(error);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Lets the mapping have its pages, so that no access has to wait for the kernel.
+fn touch(mapping: &MmapRaw) -> io::Result<()> {
+    match mapping.advise(Advice::PopulateWrite) {
+        // Before Linux 5.14.
+        Err(error) if error.kind() == ErrorKind::InvalidInput => {
+            touch_each(mapping);
+            Ok(())
+        }
+        done => done,
+    }
+}
+
+fn touch_each(mapping: &MmapRaw) {
+    for offset in (0..mapping.len()).step_by(PAGE) {
+        // SAFETY: the byte is in the mapping, which may be written and whose pages are reserved.
+        // Other programs may use it: so it is exchanged with itself, atomically, and only if it is
+        // 0, which is a write for the processor in both cases.
+        let byte = unsafe { AtomicU8::from_ptr(mapping.as_mut_ptr().add(offset)) };
+        let _ = byte.compare_exchange(0, 0, Relaxed, Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn free_memory_is_read_in_bytes() {
+        let text = "MemTotal:  10 kB\nMemAvailable:   7654321 kB\nBuffers: 1 kB\n";
+        assert_eq!(available(text), Some(7_654_321 * 1024));
+        assert_eq!(available("MemTotal:  10 kB\n"), None);
+    }
+
+    #[test]
+    fn kernels_that_cannot_touch_have_it_done_for_them() {
+        let mapping = MmapRaw::from(memmap2::MmapMut::map_anon(3 * PAGE).unwrap());
+        touch_each(&mapping);
+        // SAFETY: it is one byte for each page.
+        let resident = unsafe {
+            let mut pages = [0_u8; 3];
+            let base = mapping.as_mut_ptr().cast();
+            assert_eq!(libc::mincore(base, mapping.len(), pages.as_mut_ptr()), 0);
+            pages.iter().all(|page| page & 1 == 1)
+        };
+        assert!(resident);
+    }
+}
