@@ -13,6 +13,7 @@ mod blackboard;
 mod buffers;
 mod calls;
 mod child;
+mod corrupted;
 mod death;
 mod foreign;
 mod guards;
