@@ -68,12 +68,15 @@
 //!
 //! # The protocol
 //!
-//! A channel has four files in `/dev/shm`: a lock file, a segment of shared memory (iceoryx2's
-//! `SharedMemory`), and two FIFOs, the *bells*, one for each side.
+//! A channel has four files in `/dev/shm`: a lock file, a segment of shared memory, and two FIFOs,
+//! the *bells*, one for each side. Each is used only if it belongs to this user, lets no other one
+//! in, and has one name: [`IpcError::Foreign`]. The segment is reserved, touched and, where the
+//! system allows it, locked before a side is open: [`IpcError::Room`].
 //!
 //! **The lock file** has three bytes with locks of open file descriptions, which the kernel
 //! releases when their program ends, however it ends. Byte 0 is the *set-up lock*: opening, binding
-//! and closing hold it for a bounded number of system calls. No real-time operation takes it. Bytes
+//! and closing hold it for a bounded number of system calls. A program waits for it for 5 s at most:
+//! [`IpcError::Held`]. No real-time operation takes it. Bytes
 //! 1 and 2 are the *roles*: a program holds byte 1 while it is the sender, byte 2 while it is the
 //! receiver. So a role that is held belongs to a program that lives, and a second program for one
 //! role is refused.
