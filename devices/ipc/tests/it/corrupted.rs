@@ -213,6 +213,62 @@ fn visit(names: &[String]) {
     }
 }
 
+/// The sizes that a partner states, next to the largest numbers: `luna echo --raw` opens by them.
+#[test]
+fn sizes_that_a_partner_states_are_checked() {
+    const SIZE: u64 = 8;
+    const NAME_LENGTH: u64 = 28;
+    const NAME: u64 = 32;
+    let name = channel_name("stated");
+    let (_sender, _link) = luna_ipc::sender::<u64>(&name).unwrap();
+    let words = Words::of(&name);
+    for stated in ["u64", "x by postcard"] {
+        let length = stated.len() as u32;
+        words.0.write_all_at(stated.as_bytes(), NAME).unwrap();
+        words
+            .0
+            .write_all_at(&length.to_ne_bytes(), NAME_LENGTH)
+            .unwrap();
+        for below in 0..9 {
+            let size = u64::MAX - below;
+            words.0.write_all_at(&size.to_ne_bytes(), SIZE).unwrap();
+            let found = look::at(&name).unwrap().unwrap();
+            assert_eq!((&*found.value.name, found.value.size), (stated, size));
+            let of = AnyType::raw(&found.value).unwrap();
+            let error = Endpoint::new(&name).any_receiver(&of).unwrap_err();
+            assert!(matches!(error, luna_ipc::IpcError::Size { .. }), "{error}");
+        }
+    }
+}
+
+/// The same of the keys of a blackboard, and the numbers of their values.
+#[test]
+fn sizes_in_a_blackboard_are_checked() {
+    // Of the first entry, in the second page: its size, alignment and place.
+    const FIELDS: [u64; 3] = [4096 + 64 + 312, 4096 + 64 + 320, 4096 + 64 + 328];
+    let name = channel_name("keys");
+    let board = Blackboard::new(&name)
+        .entry("one", 1_u64)
+        .entry("two", 2_u64);
+    let _writer = board.write().unwrap();
+    let words = Words::of(&name);
+    let put = |number: u64, at| words.0.write_all_at(&number.to_ne_bytes(), at).unwrap();
+    for (field, was) in FIELDS.into_iter().zip([8_u64, 8, 8192]) {
+        for number in [u64::MAX, u64::MAX - 63, i64::MAX as u64, 1 << 62] {
+            put(number, field);
+            let found = look::at(&name).unwrap().unwrap();
+            assert_eq!(found.keys.len(), 1, "field {field}: {number}");
+            let error = Blackboard::new(&name).read().unwrap().entry::<u64>("one");
+            assert!(error.is_err());
+        }
+        put(was, field);
+    }
+    // The newest value's number is in the first word of a cell: their sum is shown.
+    put(u64::MAX, 8192);
+    let found = look::at(&name).unwrap().unwrap();
+    assert_eq!(found.sent, u64::MAX);
+}
+
 #[test]
 fn memory_that_a_partner_writes_over_at_random() {
     own_process!(long);
