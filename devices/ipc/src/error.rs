@@ -193,7 +193,8 @@ pub enum IpcError {
         size: u64,
         /// The bytes that are free.
         free: u64,
-        /// Whether `/dev/shm` is too small; else it is the computer's memory.
+        /// Whether `/dev/shm` is too small; else it is the memory of the computer, or of the control
+        /// group.
         in_folder: bool,
     },
     /// The system refuses the shared memory.
@@ -334,7 +335,7 @@ pub enum IpcError {
 fn place(in_folder: bool) -> &'static str {
     match in_folder {
         true => "/dev/shm",
-        false => "the computer's memory",
+        false => "the memory of the computer or its control group",
     }
 }
 
@@ -343,7 +344,9 @@ fn enlarge(in_folder: bool) -> &'static str {
         true => {
             "remove what fills it, state smaller values, or enlarge it (`mount -o remount,size=256m /dev/shm` as root; docker: --shm-size=256m)"
         }
-        false => "end other programs, or state smaller values",
+        false => {
+            "end other programs, state smaller values, or raise the limit of memory (docker: --memory)"
+        }
     }
 }
 

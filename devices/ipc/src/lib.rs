@@ -161,6 +161,7 @@ mod codec;
 mod copy;
 mod error;
 mod files;
+mod free;
 mod inherit;
 mod link;
 mod loan;

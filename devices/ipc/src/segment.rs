@@ -2,13 +2,12 @@
 //! locked. A file that is only made longer takes its memory at the first access, and where none is
 //! left then, that access ends the program by SIGBUS.
 
-use crate::IpcError;
 use crate::name::Name;
+use crate::{IpcError, free};
 use memmap2::{Advice, MmapOptions, MmapRaw};
 use nix::errno::Errno;
 use nix::fcntl::posix_fallocate;
-use nix::sys::statvfs::fstatvfs;
-use std::fs::{self, File, Metadata};
+use std::fs::{File, Metadata};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::MetadataExt;
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
@@ -46,7 +45,7 @@ impl Segment {
             in_folder,
         };
         // Asked before, so that not all of the memory is taken from others until none is left.
-        let free = free(file).map_err(failed)?;
+        let free = free::here(file).map_err(failed)?;
         if missing > free.0 {
             return Err(short(free));
         }
@@ -106,27 +105,6 @@ fn held(found: &Metadata) -> u64 {
     found.blocks().saturating_mul(BLOCK)
 }
 
-/// The bytes that can be had, and whether the file system is what bounds them.
-fn free(file: &File) -> io::Result<(u64, bool)> {
-    let found = fstatvfs(file)?;
-    let folder = found
-        .blocks_available()
-        .saturating_mul(found.fragment_size());
-    // Where the system does not say what is left of its memory, the file system alone counts.
-    let memory = fs::read_to_string("/proc/meminfo").ok();
-    let memory = memory.as_deref().and_then(available).unwrap_or(u64::MAX);
-    Ok((folder.min(memory), folder <= memory))
-}
-
-/// `MemAvailable:    7654321 kB`, in bytes.
-fn available(text: &str) -> Option<u64> {
-    let line = text
-        .lines()
-        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    let number: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    number.checked_mul(1024)
-}
-
 fn fill(file: &File, size: usize) -> Result<(), Errno> {
     let size = libc::off_t::try_from(size).map_err(|_| Errno::EFBIG)?;
     for begin in (0..size).step_by(STEP) {
@@ -165,13 +143,6 @@ fn touch_each(mapping: &MmapRaw) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn free_memory_is_read_in_bytes() {
-        let text = "MemTotal:  10 kB\nMemAvailable:   7654321 kB\nBuffers: 1 kB\n";
-        assert_eq!(available(text), Some(7_654_321 * 1024));
-        assert_eq!(available("MemTotal:  10 kB\n"), None);
-    }
 
     #[test]
     fn kernels_that_cannot_touch_have_it_done_for_them() {
