@@ -170,7 +170,7 @@ pub enum IpcError {
         pid: u32,
     },
     /// The system refuses something.
-    #[error("channel `{name}`: cannot {what}: {source}")]
+    #[error("channel `{name}`: cannot {what}: {source}{}", remedy(source))]
     System {
         /// The channel.
         name: String,
@@ -330,6 +330,16 @@ pub enum IpcError {
         /// The channel.
         name: String,
     },
+}
+
+fn remedy(error: &io::Error) -> &'static str {
+    match error.raw_os_error() {
+        Some(libc::ENOSPC) => {
+            ": /dev/shm has room for no more files: remove what fills it (`df -i /dev/shm`)"
+        }
+        Some(libc::EMFILE) => ": raise this program's limit of open files (`ulimit -n`)",
+        _ => "",
+    }
 }
 
 fn place(in_folder: bool) -> &'static str {

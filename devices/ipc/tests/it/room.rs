@@ -14,12 +14,13 @@ struct Big([u8; 65536]);
 
 const BIG: Big = Big([7; 65536]);
 
-/// Runs it in a thread that sees a `/dev/shm` of its own, of so many bytes; not without privileges.
-fn in_small_folder(kilobytes: u32, job: impl FnOnce() + Send + 'static) {
+/// Runs it in a thread that sees a `/dev/shm` of its own, of so many bytes and files; not without
+/// privileges.
+fn in_small_folder((kilobytes, files): (u32, u32), job: impl FnOnce() + Send + 'static) {
     let small = move || {
         let none = None::<&str>;
         let private = MsFlags::MS_REC | MsFlags::MS_PRIVATE;
-        let size = format!("size={kilobytes}k,mode=1777");
+        let size = format!("size={kilobytes}k,nr_inodes={files},mode=1777");
         let made = unshare(CloneFlags::CLONE_NEWNS)
             .and_then(|()| mount(none, "/", none, private, none))
             .and_then(|()| {
@@ -60,7 +61,7 @@ fn is_refused<T>(opened: Result<T, IpcError>, name: &str) {
 
 #[test]
 fn too_little_of_it_is_an_error_of_the_opening() {
-    in_small_folder(40, || {
+    in_small_folder((40, 99), || {
         let name = channel_name("small");
         let endpoint = Endpoint::new(&name);
         is_refused(endpoint.sender::<Big>(), &name);
@@ -80,7 +81,7 @@ fn too_little_of_it_is_an_error_of_the_opening() {
 
 #[test]
 fn a_folder_that_others_fill_is_an_error_of_the_opening() {
-    in_small_folder(256, || {
+    in_small_folder((256, 99), || {
         let name = channel_name("filled");
         let filled = (0..).take_while(|number| {
             let page = [1; 4096];
@@ -99,10 +100,22 @@ fn a_folder_that_others_fill_is_an_error_of_the_opening() {
     });
 }
 
+/// Of the folder itself, the lock file and the shared memory: there is none for the bell.
+#[test]
+fn a_folder_with_room_for_no_more_files_is_an_error_of_the_opening() {
+    in_small_folder((256, 3), || {
+        let name = channel_name("files");
+        let error = luna_ipc::sender::<u64>(&name).unwrap_err();
+        assert!(matches!(error, IpcError::System { .. }), "{error}");
+        assert!(error.to_string().contains("df -i"), "{error}");
+        assert_eq!(files(&name), [""; 0]);
+    });
+}
+
 /// A segment that another program has only made longer, without taking its memory.
 #[test]
 fn what_a_partner_has_not_taken_is_taken_or_refused() {
-    in_small_folder(256, || {
+    in_small_folder((256, 99), || {
         let name = channel_name("sparse");
         let (_sender, _link) = luna_ipc::sender::<Big>(&name).unwrap();
         let words = format!("/dev/shm/luna-ipc.{}.words", name.replace('/', "+"));
