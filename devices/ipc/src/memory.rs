@@ -183,7 +183,7 @@ impl Memory {
             return Err(broken(name));
         }
         let memory = Self(match access {
-            Access::Read => Segment::look(name, &file, size)?,
+            Access::Read => Segment::read(name, &file, size)?,
             Access::Write => Segment::reserve(name, &file, size)?,
         });
         match memory.words().magic.load(Ordering::Acquire) {

@@ -19,7 +19,8 @@ const PAGE: usize = 4096;
 /// The unit of `st_blocks`.
 const BLOCK: u64 = 512;
 
-/// A mapping of a file, from its first byte on, the pages of which are in memory.
+/// A mapping of a file, from its first byte on. The memory for it is taken; but for a mapping to
+/// [look](Self::look) at, it is touched too.
 ///
 /// # Invariants
 ///
@@ -60,7 +61,25 @@ impl Segment {
     }
 
     /// Maps the first `size` bytes of a file to be read. Another program has reserved them.
+    pub(crate) fn read(name: &Name, file: &File, size: usize) -> Result<Self, IpcError> {
+        let mapping = Self::there(name, file, size, MmapOptions::new().populate())?;
+        Ok(Self::locked(mapping))
+    }
+
+    /// As [`read`](Self::read), to look at some of it once: nothing is touched or locked for that.
     pub(crate) fn look(name: &Name, file: &File, size: usize) -> Result<Self, IpcError> {
+        let mapping = Self::there(name, file, size, &mut MmapOptions::new())?;
+        let is_locked = false;
+        Ok(Self { mapping, is_locked })
+    }
+
+    /// Maps what another program has reserved: an access to what it has not may end this one.
+    fn there(
+        name: &Name,
+        file: &File,
+        size: usize,
+        options: &mut MmapOptions,
+    ) -> Result<MmapRaw, IpcError> {
         let failed = |error: io::Error| refused(name, "map", error);
         let found = file.metadata().map_err(failed)?;
         if held(&found) < found.len() || found.len() < size as u64 {
@@ -68,9 +87,7 @@ impl Segment {
                 name: name.text().to_owned(),
             });
         }
-        let mut options = MmapOptions::new();
-        let mapped = options.len(size).populate().map_raw_read_only(file);
-        mapped.map_err(failed).map(Self::locked)
+        options.len(size).map_raw_read_only(file).map_err(failed)
     }
 
     /// The system may refuse it: then the pages stay as long as the computer does not swap.
