@@ -168,8 +168,8 @@ impl<T: 'static> Codec<T> {
                 Ok(())
             }),
             read: Box::new(move |place, size| {
-                // SAFETY: by the codec's contract the place is as long, aligned to a page, and a value
-                // is there. In shared memory each byte has a value.
+                // SAFETY: by the codec's contract the place is as long, aligned to a page, and a
+                // value is there. In shared memory each byte has a value.
                 value(&unsafe { copy::bytes(place, size) })
             }),
             take_back: |_| (),
@@ -261,8 +261,8 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
                 Ok(())
             }),
             read: Box::new(|place, size| {
-                // SAFETY: by the codec's contract the place is as long, which is `LENGTH` at least, and
-                // aligned to a page. In shared memory each byte has a value.
+                // SAFETY: by the codec's contract the place is as long, which is `LENGTH` at least,
+                // and aligned to a page. In shared memory each byte has a value.
                 let length = unsafe { place.cast::<AtomicUsize>().as_ref() }.load(Relaxed);
                 if size.checked_sub(LENGTH).is_none_or(|room| length > room) {
                     return Err("its length is beyond the end of the memory".to_owned());

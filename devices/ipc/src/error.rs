@@ -193,8 +193,8 @@ pub enum IpcError {
         size: u64,
         /// The bytes that are free.
         free: u64,
-        /// Whether `/dev/shm` is too small; else it is the memory of the computer, or of the control
-        /// group.
+        /// Whether `/dev/shm` is too small; else it is the memory of the computer, or of the
+        /// control group.
         in_folder: bool,
     },
     /// The system refuses the shared memory.
