@@ -1,6 +1,8 @@
 //! The file: a head, then blocks, each with its length and a checksum over its place in the file,
 //! its kind and its bytes.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use super::error::RecordError;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -83,8 +85,9 @@ impl Writer {
         self.block.clear();
         self.block.push(kind as u8);
         parts.iter().for_each(|part| self.block.extend(*part));
-        self.blocks += 1;
-        self.bytes += (BLOCK_HEAD + self.block.len()) as u64;
+        self.blocks = self.blocks.saturating_add(1);
+        let length = BLOCK_HEAD.saturating_add(self.block.len());
+        self.bytes = self.bytes.saturating_add(length as u64);
         self.to
             .write_all(&(self.block.len() as u32).to_le_bytes())?;
         self.to
@@ -151,16 +154,17 @@ pub(super) fn blocks(file: &[u8]) -> Result<(Vec<Block<'_>>, Option<RecordError>
         if length == 0 || length > LONGEST {
             return Ok((blocks, damaged()));
         }
-        let Some(block) = rest.get(BLOCK_HEAD..BLOCK_HEAD + length) else {
+        let whole = BLOCK_HEAD.saturating_add(length);
+        let Some(block) = rest.get(BLOCK_HEAD..whole) else {
             return Ok((blocks, truncated()));
         };
         let kind = BlockKind::of(block[0]);
         match kind {
-            Some(kind) if sum == checksum(blocks.len() as u64 + 1, block) => {
+            Some(kind) if sum == checksum((blocks.len() as u64).saturating_add(1), block) => {
                 blocks.push((kind, &block[1..]));
             }
             _ => return Ok((blocks, damaged())),
         }
-        at += BLOCK_HEAD + length;
+        at = at.saturating_add(whole);
     }
 }

@@ -11,8 +11,8 @@ use super::plan::Plan;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::notice::notice;
 use std::fmt::Write as _;
-use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Write as _};
+use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
+use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -23,6 +23,9 @@ const PREFIX: &str = "luna-system.";
 const HEAD: &str = "luna 1";
 /// The last line: so it is whole.
 const LAST: &str = "end";
+
+/// No announcement is longer, in bytes.
+const LONGEST: u64 = 1 << 20;
 
 /// The variable of the environment that asks for an announcement.
 const VARIABLE: &str = "LUNA_ANNOUNCE";
@@ -130,8 +133,9 @@ pub fn announced_systems() -> io::Result<AnnouncedSystems> {
 
 /// The system of an announcement; `None` if it is being made, or its program was killed.
 fn read(path: &Path) -> io::Result<Option<AnnouncedSystem>> {
-    let file = File::open(path)?;
-    let text = io::read_to_string(&file)?;
+    let file = open(path)?;
+    let mut text = String::new();
+    (&file).take(LONGEST).read_to_string(&mut text)?;
     if text.is_empty() {
         return Ok(None);
     }
@@ -147,6 +151,34 @@ fn read(path: &Path) -> io::Result<Option<AnnouncedSystem>> {
         },
         Err(TryLockError::Error(error)) => Err(error),
     }
+}
+
+/// Opens a file in a folder where every user may make some, if no other user can have put it there
+/// for this one: a name says nothing of what is there.
+fn open(path: &Path) -> io::Result<File> {
+    let named = fs::symlink_metadata(path)?;
+    // To write as well: so a FIFO in its place keeps nobody waiting.
+    let file = OpenOptions::new().read(true).write(true).open(path)?;
+    match is_announcement(&named, &file.metadata()?) {
+        true => Ok(file),
+        false => Err(io::Error::other(
+            "it is no file that its owner alone can open",
+        )),
+    }
+}
+
+/// Whether a file that was opened is the one that the name stands for, a regular one with this name
+/// alone, which its owner and root can open.
+#[cfg(unix)]
+fn is_announcement(named: &Metadata, opened: &Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let is_same = (named.dev(), named.ino()) == (opened.dev(), opened.ino());
+    is_same && opened.is_file() && opened.mode() & 0o077 == 0 && opened.nlink() <= 1
+}
+
+#[cfg(not(unix))]
+fn is_announcement(named: &Metadata, opened: &Metadata) -> bool {
+    named.is_file() && opened.is_file()
 }
 
 fn parse(text: &str) -> Option<AnnouncedSystem> {
@@ -232,7 +264,9 @@ impl Announcement {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
                 Err(error) => return Err(error),
             };
-            let written = file.lock().and_then(|()| file.write_all(text.as_bytes()));
+            // Nobody locks it as long as it is empty: so it is not waited for.
+            let locked = file.try_lock().map_err(io::Error::from);
+            let written = locked.and_then(|()| file.write_all(text.as_bytes()));
             let announcement = Self {
                 path,
                 _locked: file,
@@ -335,8 +369,41 @@ mod tests {
             Err(error) => assert_eq!(error.kind(), io::ErrorKind::NotFound),
         }
         assert!(!path.exists());
-        File::create(&path).unwrap();
+        let mut options = OpenOptions::new();
+        options.write(true).create_new(true);
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+        options.open(&path).unwrap();
         assert_eq!(read(&path).unwrap(), None);
         assert!(path.exists(), "it may be that of a system that starts");
+        fs::remove_file(&path).unwrap();
+    }
+
+    /// As another user may put there: files that everybody can write, links, and a FIFO, which would
+    /// keep waiting a program that opens it to read.
+    #[cfg(unix)]
+    #[test]
+    fn what_another_user_may_have_put_there_is_not_read() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let true_one = Announcement::make(&of("true")).unwrap();
+        let path = true_one.path.with_extension("false");
+        let is_refused = |what: &str| {
+            let error = read(&path).unwrap_err();
+            assert!(
+                error.to_string().contains("its owner alone"),
+                "{what}: {error}"
+            );
+            fs::remove_file(&path).unwrap();
+        };
+        symlink(&true_one.path, &path).unwrap();
+        is_refused("a symbolic link");
+        nix::unistd::mkfifo(&path, nix::sys::stat::Mode::S_IRWXU).unwrap();
+        is_refused("a FIFO");
+        fs::copy(&true_one.path, &path).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o666)).unwrap();
+        is_refused("a file that others can write");
+        fs::hard_link(&true_one.path, &path).unwrap();
+        is_refused("a second name");
+        assert_eq!(read(&true_one.path).unwrap().unwrap().name, "true");
     }
 }

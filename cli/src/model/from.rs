@@ -132,7 +132,10 @@ fn period(slots: Option<&Slots>) -> Option<Duration> {
         10_000.. => 100,
         _ => 1,
     };
-    Some(Duration::from_nanos((nanos + unit / 2) / unit * unit))
+    // A damaged recording may state any times.
+    Some(Duration::from_nanos(
+        nanos.saturating_add(unit / 2) / unit * unit,
+    ))
 }
 
 fn channel(
@@ -206,6 +209,18 @@ fn fill(seen: &[Seen], size: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn slots_may_be_at_any_times() {
+        let of = |ends| period(Some(&Slots { process: 1, ends }));
+        assert_eq!(
+            of(Some([(1, 10), (3, 2_000_300)])),
+            Some(Duration::from_millis(1))
+        );
+        let most = of(Some([(0, 0), (1, u64::MAX)]));
+        assert_eq!(most, Some(Duration::from_nanos(u64::MAX / 1000 * 1000)));
+        assert_eq!(of(Some([(2, 5), (2, 9)])), None);
+    }
 
     #[test]
     fn what_the_main_thread_receives_makes_no_buffer() {

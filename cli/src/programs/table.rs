@@ -50,7 +50,7 @@ fn notes(survey: &Survey) -> String {
     }
     if survey.hidden > 0 {
         text += &format!(
-            "\n{} not to be looked at: of other users, for which run it as root, or of another version\n",
+            "\n{} not to be looked at: of other users (sudo -u USER luna list), or of another version\n",
             Count(survey.hidden as u64, "file")
         );
     }

@@ -1,5 +1,7 @@
 //! The card's description of itself: the IDROM with its module and pin descriptors.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use crate::lbp16::Reader;
 use std::fmt;
 
@@ -171,7 +173,7 @@ impl Idrom {
         let ports = within("ports", next()?, 1, MAX_PORTS as u32)?;
         let width = within("pins", next()?, 1, MAX_PINS as u32)?;
         let port_width = within("port width", next()?, 1, 32)?;
-        if ports * port_width < width {
+        if ports.saturating_mul(port_width) < width {
             return Err(IdromError::Impossible {
                 what: "pins",
                 value: width,

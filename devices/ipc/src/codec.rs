@@ -1,10 +1,17 @@
 //! How a value lies in shared memory, and where.
+//!
+//! Sizes may be another program's, or a user's: what adds them up says so when it goes beyond all
+//! addresses, and nothing is opened then.
 
+use crate::copy;
 use crate::error::TypeInfo;
 use crate::memory::OFFSET;
 use crate::session::Session;
 use crate::{IpcError, ZeroCopySend};
 use std::ptr::NonNull;
+#[cfg(feature = "serde")]
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 
 type Write<T> = Box<dyn Fn(NonNull<u8>, usize, &T) -> Result<(), String> + Send + Sync>;
 type Read<T> = Box<dyn Fn(NonNull<u8>, usize) -> Result<T, String> + Send + Sync>;
@@ -41,14 +48,19 @@ impl<T> Place<T> {
         Self { codec, offset }
     }
 
-    /// The next one, on pages of its own.
+    /// The next one, on pages of its own. If there are no addresses for it, it is nowhere, and has
+    /// no end.
     pub(crate) fn after<U>(place: &Place<U>, codec: Codec<T>) -> Self {
-        let offset = place.end().next_multiple_of(OFFSET);
+        let end = place.end();
+        let offset = end.and_then(|end| end.checked_next_multiple_of(OFFSET));
+        let offset = offset.unwrap_or(usize::MAX);
         Self { codec, offset }
     }
 
-    pub(crate) fn end(&self) -> usize {
-        self.offset + self.codec.size
+    /// The bytes of a segment that ends with this place; `None`: more than there are addresses.
+    pub(crate) fn end(&self) -> Option<usize> {
+        let end = self.offset.checked_add(self.codec.size)?;
+        isize::try_from(end).is_ok().then_some(end)
     }
 
     pub(crate) fn info(&self) -> &TypeInfo {
@@ -95,10 +107,7 @@ impl<T> Place<T> {
         // are. The caller promises that a value is there, and that no one writes meanwhile.
         (self.codec.read)(place, self.codec.size).map_err(|why| IpcError::Decode {
             name: session.name().to_owned(),
-            pid: session
-                .other()
-                .pid
-                .load(std::sync::atomic::Ordering::Relaxed),
+            pid: session.other().pid.load(Relaxed),
             why,
         })
     }
@@ -159,9 +168,9 @@ impl<T: 'static> Codec<T> {
                 Ok(())
             }),
             read: Box::new(move |place, size| {
-                // SAFETY: by the codec's contract the place is as long, and a value is there; the
-                // sender does not write while this is read.
-                value(unsafe { std::slice::from_raw_parts(place.as_ptr(), size) })
+                // SAFETY: by the codec's contract the place is as long, aligned to a page, and a
+                // value is there. In shared memory each byte has a value.
+                value(&unsafe { copy::bytes(place, size) })
             }),
             take_back: |_| (),
         }
@@ -199,7 +208,10 @@ impl<T: 'static> Codec<T> {
             read,
             ..
         } = codec;
-        let offset = size.next_multiple_of(align_of::<u64>());
+        let offset = size.checked_next_multiple_of(align_of::<u64>());
+        let room = offset.and_then(|offset| offset.checked_add(size_of::<u64>()));
+        // Without room there is no place either, so that nothing is written or read.
+        let offset = offset.unwrap_or(0);
         let put = move |place: NonNull<u8>, _: usize, value: &Option<T>| {
             if let Some(value) = value {
                 write(place, size, value)?;
@@ -221,7 +233,7 @@ impl<T: 'static> Codec<T> {
         };
         Codec {
             info,
-            size: offset + size_of::<u64>(),
+            size: room.unwrap_or(usize::MAX),
             write: Box::new(put),
             read: Box::new(get),
             take_back: |_| (),
@@ -236,7 +248,7 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
         let name = format!("{} by postcard", std::any::type_name::<T>());
         Self {
             info: TypeInfo::new(&name, capacity, 1, version),
-            size: LENGTH + capacity,
+            size: LENGTH.saturating_add(capacity),
             write: Box::new(|place, size, value| {
                 // SAFETY: by the codec's contract the place is as long, and no one else accesses
                 // it. It holds bytes, which the kernel has set to zero before the first use.
@@ -249,14 +261,17 @@ impl<T: serde::Serialize + serde::de::DeserializeOwned> Codec<T> {
                 Ok(())
             }),
             read: Box::new(|place, size| {
-                // SAFETY: by the codec's contract the place is as long, and the sender does not
-                // write while this is read. It holds bytes, which were zero before the first use.
-                let bytes = unsafe { std::slice::from_raw_parts(place.as_ptr(), size) };
-                let (length, room) = bytes.split_at(LENGTH);
-                let length = length.try_into().map(usize::from_ne_bytes);
-                let used = length.ok().and_then(|length| room.get(..length));
-                let used = used.ok_or("its length is beyond the end of the memory")?;
-                postcard::from_bytes(used).map_err(|error| error.to_string())
+                // SAFETY: by the codec's contract the place is as long, which is `LENGTH` at least,
+                // and aligned to a page. In shared memory each byte has a value.
+                let length = unsafe { place.cast::<AtomicUsize>().as_ref() }.load(Relaxed);
+                if size.checked_sub(LENGTH).is_none_or(|room| length > room) {
+                    return Err("its length is beyond the end of the memory".to_owned());
+                }
+                // A copy: a string whose bytes change after they were checked would be none.
+                // SAFETY: as above; the value is behind its length, at a multiple of a word, and it
+                // was just seen that the place has so many bytes there.
+                let used = unsafe { copy::bytes(place.add(LENGTH), length) };
+                postcard::from_bytes(&used).map_err(|error| error.to_string())
             }),
             take_back: |_| (),
         }

@@ -3,6 +3,8 @@
 use crate::ZeroCopySend;
 use std::fmt;
 use std::io;
+use std::path::PathBuf;
+use std::time::Duration;
 
 /// The side of a channel that a program has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -77,7 +79,7 @@ impl TypeInfo {
         };
         Self {
             name: format!("{} -> {}", part(self), part(answer)),
-            size: self.size + answer.size,
+            size: self.size.saturating_add(answer.size),
             align: self.align.max(answer.align),
             version: self.version,
         }
@@ -168,7 +170,7 @@ pub enum IpcError {
         pid: u32,
     },
     /// The system refuses something.
-    #[error("channel `{name}`: cannot {what}: {source}")]
+    #[error("channel `{name}`: cannot {what}: {source}{}", remedy(source))]
     System {
         /// The channel.
         name: String,
@@ -177,17 +179,74 @@ pub enum IpcError {
         /// The system's error.
         source: io::Error,
     },
-    /// iceoryx2 refuses the shared memory.
+    /// There is no room for the channel's shared memory: it is taken when a channel is opened, so
+    /// that no operation on it can want for memory.
     #[error(
-        "channel `{name}`: cannot {what} shared memory: {why}: check the space in /dev/shm and the limit of memory"
+        "channel `{name}`: it needs {size} bytes of shared memory, and {free} are free in {}: {}",
+        place(*in_folder),
+        enlarge(*in_folder)
+    )]
+    Room {
+        /// The channel.
+        name: String,
+        /// The bytes that it needs.
+        size: u64,
+        /// The bytes that are free.
+        free: u64,
+        /// Whether `/dev/shm` is too small; else it is the memory of the computer, or of the
+        /// control group.
+        in_folder: bool,
+    },
+    /// The system refuses the shared memory.
+    #[error(
+        "channel `{name}`: cannot {what} its shared memory: {why}: check the limits of addresses (`ulimit -v`) and of locked memory (`ulimit -l`)"
     )]
     Memory {
         /// The channel.
         name: String,
         /// What was to be done.
         what: &'static str,
-        /// iceoryx2's error.
+        /// The system's error.
         why: String,
+    },
+    /// What the programs state takes more memory than addresses reach.
+    #[error(
+        "channel `{name}`: {value} takes more memory than there are addresses: state a smaller capacity, or fewer values"
+    )]
+    Size {
+        /// The channel.
+        name: String,
+        /// What is stated.
+        value: Box<TypeInfo>,
+    },
+    /// A file of the channel is not this user's alone: another user may have made it, or may
+    /// change it.
+    #[error(
+        "channel `{name}`: {} is not used, since {why}: remove it as its owner or as root, or use another name",
+        path.display()
+    )]
+    Foreign {
+        /// The channel.
+        name: String,
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Another program has held the set-up lock for longer than an opening or closing takes: it was
+    /// stopped, or takes the lock for something else.
+    #[error(
+        "channel `{name}`: another program has held its lock for {} s: see which one by `fuser {}`, and continue or end it",
+        waited.as_secs(),
+        path.display()
+    )]
+    Held {
+        /// The channel.
+        name: String,
+        /// The lock file.
+        path: PathBuf,
+        /// How long this program has waited.
+        waited: Duration,
     },
     /// The other program has ended without closing the channel: it was killed, or has crashed.
     #[error(
@@ -205,7 +264,7 @@ pub enum IpcError {
     },
     /// The other program has written what the protocol does not allow.
     #[error(
-        "channel `{name}`: process {pid} has published number {number} after {expected}: it is not a luna-ipc of this version, or its memory was overwritten"
+        "channel `{name}`: process {pid} has written number {number} after {expected}: it is not a luna-ipc of this version, or its memory was overwritten"
     )]
     Broken {
         /// The channel.
@@ -271,6 +330,34 @@ pub enum IpcError {
         /// The channel.
         name: String,
     },
+}
+
+fn remedy(error: &io::Error) -> &'static str {
+    match error.raw_os_error() {
+        Some(libc::ENOSPC) => {
+            ": /dev/shm has room for no more files: remove what fills it (`df -i /dev/shm`)"
+        }
+        Some(libc::EMFILE) => ": raise this program's limit of open files (`ulimit -n`)",
+        _ => "",
+    }
+}
+
+fn place(in_folder: bool) -> &'static str {
+    match in_folder {
+        true => "/dev/shm",
+        false => "the memory of the computer or its control group",
+    }
+}
+
+fn enlarge(in_folder: bool) -> &'static str {
+    match in_folder {
+        true => {
+            "remove what fills it, state smaller values, or enlarge it (`mount -o remount,size=256m /dev/shm` as root; docker: --shm-size=256m)"
+        }
+        false => {
+            "end other programs, state smaller values, or raise the limit of memory (docker: --memory)"
+        }
+    }
 }
 
 impl IpcError {

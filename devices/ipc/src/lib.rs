@@ -68,12 +68,15 @@
 //!
 //! # The protocol
 //!
-//! A channel has four files in `/dev/shm`: a lock file, a segment of shared memory (iceoryx2's
-//! `SharedMemory`), and two FIFOs, the *bells*, one for each side.
+//! A channel has four files in `/dev/shm`: a lock file, a segment of shared memory, and two FIFOs,
+//! the *bells*, one for each side. Each is used only if it belongs to this user, lets no other one
+//! in, and has one name: [`IpcError::Foreign`]. The segment is reserved, touched and, where the
+//! system allows it, locked before a side is open: [`IpcError::Room`].
 //!
 //! **The lock file** has three bytes with locks of open file descriptions, which the kernel
 //! releases when their program ends, however it ends. Byte 0 is the *set-up lock*: opening, binding
-//! and closing hold it for a bounded number of system calls. No real-time operation takes it. Bytes
+//! and closing hold it for a bounded number of system calls. A program waits for it for 5 s at most:
+//! [`IpcError::Held`]. No real-time operation takes it. Bytes
 //! 1 and 2 are the *roles*: a program holds byte 1 while it is the sender, byte 2 while it is the
 //! receiver. So a role that is held belongs to a program that lives, and a second program for one
 //! role is refused.
@@ -142,24 +145,32 @@
 //! [`clean_up`].
 
 #![cfg(target_os = "linux")]
-#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
-
-// Its messages go where this says: nowhere.
-extern crate iceoryx2_bb_loggers as _;
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::arithmetic_side_effects
+    )
+)]
 
 pub mod any;
 mod blackboard;
 mod call;
 mod codec;
+mod copy;
 mod error;
 mod files;
+mod free;
 mod inherit;
 mod link;
 mod loan;
 pub mod look;
 mod memory;
 mod name;
+mod owned;
 mod receive_link;
+mod segment;
 mod send_link;
 #[cfg(feature = "serde")]
 mod serde_types;
@@ -307,14 +318,18 @@ impl Endpoint {
 
     /// Opens the sending side. The other program may open its side earlier or later.
     ///
+    /// All memory that the channel uses is taken here, and locked as far as the system allows
+    /// ([`Status::is_locked`]).
+    ///
     /// Not for the real-time path: it makes files, maps memory and may wait for another program
-    /// that opens or closes the same channel. While the system runs, call it in
+    /// that opens or closes the same channel, for 5 s at most. While the system runs, call it in
     /// [`luna::blocking`].
     ///
     /// # Errors
     ///
     /// [`IpcError`]: a name that cannot be used, another program that holds the role, another type
-    /// on the other side, or the system's error. Nothing is left behind.
+    /// on the other side, files of another user, no room for the shared memory, or the system's
+    /// error. Nothing is left behind.
     pub fn sender<T: ZeroCopySend + Send + 'static>(
         &self,
     ) -> Result<(Sender<T>, SendLink<T>), IpcError> {
@@ -386,7 +401,15 @@ impl Endpoint {
         Ok((receiver.named(&self.name), Link::new(session, near)))
     }
 
-    fn open(&self, role: Role, info: TypeInfo, size: usize) -> Result<Session, IpcError> {
-        Session::open(Name::new(&self.name)?, role, info, size)
+    /// `size`: of the segment, if there are addresses for it.
+    fn open(&self, role: Role, info: TypeInfo, size: Option<usize>) -> Result<Session, IpcError> {
+        let name = Name::new(&self.name)?;
+        match size {
+            Some(size) => Session::open(name, role, info, size),
+            None => Err(IpcError::Size {
+                name: self.name.clone(),
+                value: Box::new(info),
+            }),
+        }
     }
 }

@@ -76,6 +76,17 @@ impl Bound<'_, '_> {
         Stop::Ended(end)
     }
 
+    /// The partner has written this number where the one after `before` was to follow.
+    pub(crate) fn broken(&self, number: u64, before: u64) -> IpcError {
+        self.end(ChannelEnd::Poisoned);
+        off_path(|| IpcError::Broken {
+            name: self.session.name().to_owned(),
+            pid: self.partner.pid,
+            number,
+            expected: before,
+        })
+    }
+
     pub(crate) fn died(&self) -> Stop {
         off_path(|| {
             Stop::Failed(IpcError::PartnerDied {
@@ -115,10 +126,13 @@ impl From<ChannelEnd> for End {
 
 impl<N> Link<N> {
     pub(crate) fn new(session: impl Into<Arc<Session>>, near: N) -> Self {
+        let session = session.into();
+        let status = Status::default();
+        status.opened(session.memory().is_locked());
         Self {
-            session: session.into(),
+            session,
             near: Some(near),
-            status: Status::default(),
+            status,
             looks: 0,
         }
     }
@@ -197,7 +211,7 @@ async fn run(
         let mut waits = Waits::new(session, bell);
         waits.watch(death, looks);
         let start = partner.start;
-        let missing = start - session.words().taken().min(start);
+        let missing = start.saturating_sub(session.words().taken());
         status.joined(partner.pid, start, missing);
         let mut bound = Bound {
             session,

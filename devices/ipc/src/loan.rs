@@ -33,36 +33,41 @@ const FREE: u64 = 0;
 struct Pool<T> {
     session: Arc<Session>,
     slots: usize,
+    /// Where the slots begin.
+    begin: usize,
     epoch: u64,
     tickets: AtomicU32,
     _value: PhantomData<fn(T) -> T>,
 }
 
 impl<T> Pool<T> {
-    fn new(session: Session, slots: usize) -> Self {
+    fn new(session: Session, slots: usize, begin: usize) -> Self {
         Self {
             epoch: session.own().epoch.load(SeqCst),
             session: Arc::new(session),
             slots,
+            begin,
             tickets: AtomicU32::new(0),
             _value: PhantomData,
         }
     }
 
-    /// Where the words begin, and where the slots.
-    fn offsets(slots: usize) -> (usize, usize) {
-        let words = 2 * OFFSET;
-        let end = words + slots * size_of::<AtomicU64>();
-        (words, end.next_multiple_of(OFFSET))
-    }
+    /// Where the words begin.
+    const WORDS: usize = 2 * OFFSET;
 
-    fn size(slots: usize) -> usize {
-        Self::offsets(slots).1 + slots * size_of::<T>()
+    /// Where the slots begin, and where they end; `None`: beyond all addresses.
+    fn layout(slots: usize) -> Option<(usize, usize)> {
+        let words = slots.checked_mul(size_of::<AtomicU64>())?;
+        let begin = Self::WORDS.checked_add(words)?;
+        let begin = begin.checked_next_multiple_of(OFFSET)?;
+        let end = begin.checked_add(slots.checked_mul(size_of::<T>())?)?;
+        isize::try_from(end).is_ok().then_some((begin, end))
     }
 
     fn word(&self, slot: usize) -> &AtomicU64 {
         assert!(slot < self.slots);
-        let offset = Self::offsets(self.slots).0 + slot * size_of::<AtomicU64>();
+        // No sum is larger than the layout, which was found.
+        let offset = Self::WORDS.saturating_add(slot.saturating_mul(size_of::<AtomicU64>()));
         let word = self.session.memory().at(offset, size_of::<AtomicU64>());
         // SAFETY: it is in the mapping, which lives as long as the session; it is aligned, since
         // the offset is, and accessed atomically by all.
@@ -73,7 +78,10 @@ impl<T> Pool<T> {
     /// alignment.
     fn value(&self, slot: usize) -> NonNull<T> {
         assert!(slot < self.slots);
-        let offset = Self::offsets(self.slots).1 + slot * size_of::<T>();
+        // As for the words.
+        let offset = self
+            .begin
+            .saturating_add(slot.saturating_mul(size_of::<T>()));
         self.session.memory().at(offset, size_of::<T>()).cast()
     }
 
@@ -240,7 +248,7 @@ impl Endpoint {
     ///
     /// # Panics
     ///
-    /// `slots` is 0, or the memory is larger than addresses reach.
+    /// `slots` is 0.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -349,9 +357,15 @@ impl Endpoint {
                 "shared memory is aligned to pages of 4096 bytes"
             );
         }
-        assert!(slots > 0 && slots.checked_mul(size_of::<T>()).is_some());
+        assert!(
+            slots > 0,
+            "a channel of values that are lent has one place or more"
+        );
         let info = TypeInfo::of::<T>(self.version).lent(slots);
-        let session = self.open(role, info.clone(), Pool::<T>::size(slots))?;
-        Ok((Arc::new(Pool::new(session, slots)), info))
+        let (begin, end) = Pool::<T>::layout(slots).unzip();
+        let session = self.open(role, info.clone(), end)?;
+        // Without an end nothing was opened.
+        let pool = Pool::new(session, slots, begin.unwrap_or(0));
+        Ok((Arc::new(pool), info))
     }
 }

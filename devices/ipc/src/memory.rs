@@ -1,14 +1,12 @@
 //! The words in shared memory. The crate's documentation says which program writes which.
 
 use crate::error::{TYPE_NAME, TypeInfo};
-use crate::name::{FOLDER, Name};
+use crate::name::Name;
+use crate::owned::{self, Access, Kind};
+use crate::segment::Segment;
 use crate::{IpcError, Role};
-use iceoryx2_bb_container::semantic_string::SemanticString;
-use iceoryx2_bb_posix::creation_mode::CreationMode;
-use iceoryx2_bb_posix::permission::Permission;
-use iceoryx2_bb_posix::shared_memory::{AccessMode, SharedMemory, SharedMemoryBuilder};
-use iceoryx2_bb_system_types::file_name::FileName;
-use std::fs;
+use std::fs::File;
+use std::io;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
@@ -97,48 +95,36 @@ impl Words {
 ///
 /// # Invariants
 ///
-/// The mapping is `size` bytes long, at least `OFFSET`, aligned to a page, and stays while this is.
-/// It began as zeros, and its words are changed by atomic operations alone.
+/// The mapping is at least `OFFSET` bytes long, aligned to a page, and stays while this is. It began
+/// as zeros, and its words are changed by atomic operations alone.
 #[derive(Debug)]
-pub(crate) struct Memory {
-    base: NonNull<u8>,
-    size: usize,
-    _mapping: SharedMemory,
-}
-
-// SAFETY: the mapping may be used by any thread; what it holds is atomic, or guarded by the
-// numbers of the protocol.
-unsafe impl Send for Memory {}
-// SAFETY: `&Memory` gives words that are atomic, and pointers to values; each access by such a
-// pointer states why it is exclusive.
-unsafe impl Sync for Memory {}
+pub(crate) struct Memory(Segment);
 
 impl Memory {
     /// Makes a segment of zeros, and states the type in it. There is none of that name.
     pub(crate) fn create(name: &Name, info: &TypeInfo, size: usize) -> Result<Self, IpcError> {
-        let created = SharedMemoryBuilder::new(&file_name(name)?)
-            .creation_mode(CreationMode::PurgeAndCreate)
-            .size(size)
-            .permission(Permission::OWNER_READ_WRITE)
-            // The kernel gives zeros.
-            .zero_memory(false)
-            // The last side to close removes it, with the other files.
-            .has_ownership(false)
-            .create();
-        let mapping = created.map_err(|error| refused(name, "make", error))?;
-        let memory = Self::of(mapping, name)?;
+        let path = name.memory();
+        let what = "make its shared memory";
+        let made = owned::create(name, &path, what)?;
+        let file = made.ok_or_else(|| {
+            let error = io::ErrorKind::AlreadyExists.into();
+            owned::refused(name, &path, Kind::File, what, error)
+        })?;
+        // The kernel gives zeros.
+        let memory = Self(Segment::reserve(name, &file, size.max(OFFSET))?);
         memory.words().state(info);
         Ok(memory)
     }
 
-    /// Opens the segment of a channel that is in use, if this type is stated there.
+    /// Opens the segment of a channel that is in use, if this type is stated there. Of a longer one
+    /// no more is taken than this type needs.
     pub(crate) fn open(
         name: &Name,
         info: &TypeInfo,
         role: Role,
         size: usize,
     ) -> Result<Self, IpcError> {
-        let memory = Self::map(name, AccessMode::ReadWrite)?;
+        let memory = Self::of(name, Access::Write, size)?;
         let there = memory.words().stated();
         if there != *info {
             return Err(IpcError::Type {
@@ -153,73 +139,73 @@ impl Memory {
                     .load(Ordering::Relaxed),
             });
         }
-        match memory.size < size {
-            true => Err(IpcError::Protocol {
-                name: name.text().to_owned(),
-            }),
+        match memory.size() < size {
+            true => Err(broken(name)),
             false => Ok(memory),
         }
     }
 
     /// Opens a segment, whatever is in it.
-    pub(crate) fn map(name: &Name, mode: AccessMode) -> Result<Self, IpcError> {
-        let opened = SharedMemoryBuilder::new(&file_name(name)?).open_existing(mode);
-        let mapping = opened.map_err(|error| refused(name, "open", error))?;
-        let memory = Self::of(mapping, name)?;
-        match memory.words().magic.load(Ordering::Acquire) {
-            MAGIC => Ok(memory),
-            _ => Err(IpcError::Protocol {
-                name: name.text().to_owned(),
-            }),
-        }
+    pub(crate) fn map(name: &Name, access: Access) -> Result<Self, IpcError> {
+        Self::of(name, access, usize::MAX)
+    }
+
+    /// The process that has said to have the role; 0: none has said so.
+    pub(crate) fn holder(name: &Name, role: Role) -> u32 {
+        let memory = Self::of(name, Access::Read, OFFSET);
+        memory.map_or(0, |memory| {
+            memory.words().side(role).pid.load(Ordering::Relaxed)
+        })
     }
 
     /// Opens a segment to look at it; `None`: there is none, or it is being made.
     pub(crate) fn look(name: &Name) -> Result<Option<Self>, IpcError> {
-        let path = format!("{FOLDER}/{}", name.memory());
-        let is_there = fs::metadata(&path).is_ok_and(|found| found.len() >= OFFSET as u64);
-        if !is_there {
+        let Some((file, size)) = open(name, Access::Read)? else {
+            return Ok(None);
+        };
+        if size < OFFSET {
             return Ok(None);
         }
-        let opened = SharedMemoryBuilder::new(&file_name(name)?).open_existing(AccessMode::Read);
-        let mapping = match opened {
-            Ok(mapping) => mapping,
-            // Removed since.
-            Err(_) if !fs::exists(&path).unwrap_or(true) => return Ok(None),
-            Err(error) => return Err(refused(name, "open", error)),
-        };
-        let memory = Self::of(mapping, name)?;
+        let memory = Self(Segment::look(name, &file, size)?);
         match memory.words().magic.load(Ordering::Acquire) {
             MAGIC => Ok(Some(memory)),
             0 => Ok(None),
-            _ => Err(IpcError::Protocol {
-                name: name.text().to_owned(),
-            }),
+            _ => Err(broken(name)),
         }
     }
 
-    fn of(mapping: SharedMemory, name: &Name) -> Result<Self, IpcError> {
-        let (base, size) = (mapping.base_address(), mapping.size());
+    /// Maps `most` bytes at most.
+    fn of(name: &Name, access: Access, most: usize) -> Result<Self, IpcError> {
+        let gone = || IpcError::system(name.text(), OPEN, io::ErrorKind::NotFound);
+        let (file, size) = open(name, access)?.ok_or_else(gone)?;
+        let size = size.min(most.max(OFFSET));
         if size < OFFSET {
-            return Err(IpcError::Protocol {
-                name: name.text().to_owned(),
-            });
+            return Err(broken(name));
         }
-        Ok(Self {
-            base,
-            size,
-            _mapping: mapping,
-        })
+        let memory = Self(match access {
+            Access::Read => Segment::read(name, &file, size)?,
+            Access::Write => Segment::reserve(name, &file, size)?,
+        });
+        match memory.words().magic.load(Ordering::Acquire) {
+            MAGIC => Ok(memory),
+            _ => Err(broken(name)),
+        }
+    }
+
+    /// Whether the system keeps it in memory, also if it swaps.
+    pub(crate) fn is_locked(&self) -> bool {
+        self.0.is_locked()
     }
 
     pub(crate) fn size(&self) -> usize {
-        self.size
+        self.0.size()
     }
 
     pub(crate) fn words(&self) -> &Words {
+        const { assert!(size_of::<Words>() <= OFFSET) };
         // SAFETY: by the invariants the mapping is long enough, aligned, and lives as long as
         // `self`. Any bits are valid for atomic integers, which other programs change atomically.
-        unsafe { self.base.cast().as_ref() }
+        unsafe { &*self.0.base().cast() }
     }
 
     /// The first of `size` bytes at `offset`.
@@ -228,24 +214,28 @@ impl Memory {
     ///
     /// If they are not in the mapping, beyond the words.
     pub(crate) fn at(&self, offset: usize, size: usize) -> NonNull<u8> {
-        const { assert!(size_of::<Words>() <= OFFSET) };
         let end = offset.checked_add(size);
-        assert!(offset >= OFFSET && end.is_some_and(|end| end <= self.size));
-        // SAFETY: by the invariants the mapping is longer.
-        unsafe { self.base.add(offset) }
+        assert!(offset >= OFFSET && end.is_some_and(|end| end <= self.size()));
+        // SAFETY: the mapping is longer, as was just seen, and no mapping begins at address 0.
+        unsafe { NonNull::new_unchecked(self.0.base().add(offset)) }
     }
 }
 
-fn file_name(name: &Name) -> Result<FileName, IpcError> {
-    FileName::new(name.memory().as_bytes()).map_err(|_| IpcError::Name {
-        name: name.text().to_owned(),
-    })
+const OPEN: &str = "open its shared memory";
+
+/// The file, and its length; `None`: there is none.
+fn open(name: &Name, access: Access) -> Result<Option<(File, usize)>, IpcError> {
+    let opened = owned::open(name, &name.memory(), (Kind::File, access), OPEN)?;
+    let Some(file) = opened else {
+        return Ok(None);
+    };
+    let found = file.metadata();
+    let found = found.map_err(|error| IpcError::system(name.text(), OPEN, error))?;
+    Ok(Some((file, usize::try_from(found.len()).unwrap_or(0))))
 }
 
-fn refused(name: &Name, what: &'static str, error: impl std::fmt::Debug) -> IpcError {
-    IpcError::Memory {
+fn broken(name: &Name) -> IpcError {
+    IpcError::Protocol {
         name: name.text().to_owned(),
-        what,
-        why: format!("{error:?}"),
     }
 }

@@ -52,9 +52,9 @@ impl Name {
         Path::new(FOLDER).join(format!("{}.{}", self.base, role.word()))
     }
 
-    /// The name of the shared memory, without a folder.
-    pub(crate) fn memory(&self) -> String {
-        format!("{}.words", self.base)
+    /// The shared memory.
+    pub(crate) fn memory(&self) -> PathBuf {
+        Path::new(FOLDER).join(format!("{}.words", self.base))
     }
 }
 

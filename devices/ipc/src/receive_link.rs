@@ -123,13 +123,8 @@ impl<D: Drain> Near for Inward<D> {
                 First::Other(Seen::Word(Next::End(end))) => return Ok(Stop::Ended(end)),
                 First::Other(Seen::Death) => return Ok(bound.died()),
             };
-            if published != number + 1 {
-                return Err(IpcError::Broken {
-                    name: bound.session.name().to_owned(),
-                    pid: bound.partner.pid,
-                    number: published,
-                    expected: number,
-                });
+            if published != number.wrapping_add(1) {
+                return Err(bound.broken(published, number));
             }
             // SAFETY: this is the receiver of the bound session, in which the number was published,
             // and `taken` is stored below.

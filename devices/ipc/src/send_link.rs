@@ -183,7 +183,7 @@ impl<S: Source> Near for Outward<S> {
                 bound.end(ChannelEnd::Poisoned);
                 return Err(error);
             }
-            number += 1;
+            number = number.wrapping_add(1);
             // Before the other program can take it, so that times are in this order.
             bound.report(number, false);
             bound.session.own().number.store(number, SeqCst);
@@ -194,6 +194,11 @@ impl<S: Source> Near for Outward<S> {
             };
             match bound.waits.first(poisoned.as_mut(), answered).await? {
                 First::Other(Seen::Word(None)) => {
+                    let taken = bound.session.words().taken();
+                    if taken != number {
+                        offered.refuse(ChannelEnd::Poisoned);
+                        return Err(bound.broken(taken, number.wrapping_sub(1)));
+                    }
                     bound.status.acknowledge(number);
                     if let Some(taken) = offered.1.take()
                         // SAFETY: the partner has taken this value, and waits for the next.

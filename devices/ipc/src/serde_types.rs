@@ -18,8 +18,9 @@ impl Endpoint {
     /// same happens with [`IpcError::Decode`] there.
     ///
     /// Real-time path: encoding allocates nothing, as far as the type's `Serialize` does not, and
-    /// takes time as the value is large. Decoding allocates what the type owns: for a loop that may
-    /// not, use plain data.
+    /// takes time as the value is large. Decoding allocates a copy of the encoded value, so that the
+    /// other program cannot change what was checked, and what the type owns: for a loop that may not
+    /// allocate, use plain data.
     ///
     /// # Errors
     ///

@@ -4,15 +4,15 @@ use crate::error::TypeInfo;
 use crate::files::LockFile;
 use crate::memory::{Memory, Side, Words};
 use crate::name::Name;
+use crate::owned::{self, Access, Kind};
 use crate::{IpcError, Role};
 use luna_platform::file;
 use nix::sys::stat::Mode;
 use nix::unistd::mkfifo;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io;
 use std::os::fd::{FromRawFd, OwnedFd};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
-use std::path::Path;
+use std::os::unix::fs::MetadataExt;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release, SeqCst};
 
 /// How a side has ended a session.
@@ -78,12 +78,10 @@ impl Session {
         size: usize,
     ) -> Result<(Memory, File), IpcError> {
         if !lock.take(role)? {
-            let memory = Memory::open(name, info, role, size);
-            let holder = memory.map(|memory| memory.words().side(role).pid.load(Relaxed));
             return Err(IpcError::Busy {
                 name: name.text().to_owned(),
                 role,
-                pid: holder.unwrap_or(0),
+                pid: Memory::holder(name, role),
             });
         }
         let is_other_here = lock.is_held(role.other())?;
@@ -110,7 +108,7 @@ impl Session {
         own.end.store(OPEN, Relaxed);
         own.thread.store(0, Relaxed);
         own.raised.store(0, Relaxed);
-        let epoch = own.epoch.fetch_add(1, SeqCst) + 1;
+        let epoch = own.epoch.fetch_add(1, SeqCst).wrapping_add(1);
         if is_other_here {
             if other.bound.load(SeqCst) == 0 && other.end.load(SeqCst) == OPEN {
                 words.start.store(words.published(), SeqCst);
@@ -118,7 +116,7 @@ impl Session {
                 other.bound.store(epoch, SeqCst);
             }
             // Also one that is bound to a session that is over: it is to look.
-            if let Ok(bell) = open_bell(&name.bell(role.other())) {
+            if let Ok(Some(bell)) = open_bell(name, role.other()) {
                 ring(other, &bell, true);
             }
         }
@@ -191,7 +189,7 @@ impl Session {
                 ));
             }
         };
-        let Ok(bell) = open_bell(&self.name.bell(role)) else {
+        let Some(bell) = open_bell(&self.name, role)? else {
             return Err(died());
         };
         // It lives after its process was opened: so the number was its own, not a later process'.
@@ -238,7 +236,7 @@ impl Drop for Session {
             return;
         };
         if self.lock.is_held(other).unwrap_or(false)
-            && let Ok(bell) = open_bell(&self.name.bell(other))
+            && let Ok(Some(bell)) = open_bell(&self.name, other)
         {
             ring(self.words().side(other), &bell, false);
         }
@@ -276,25 +274,24 @@ fn ring(side: &Side, bell: &File, must: bool) {
     }
 }
 
+const MAKE_BELL: &str = "make its bell";
+
 fn make_bell(name: &Name, role: Role) -> Result<File, IpcError> {
     let path = name.bell(role);
-    let failed = |error: io::Error| IpcError::system(name.text(), "make its bell", error);
+    let failed = |error| owned::refused(name, &path, Kind::Fifo, MAKE_BELL, error);
     match fs::remove_file(&path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(failed(error)),
         _ => {}
     }
     mkfifo(&path, Mode::S_IRUSR | Mode::S_IWUSR).map_err(|error| failed(error.into()))?;
-    open_bell(&path).map_err(failed)
+    open_bell(name, role)?.ok_or_else(|| failed(io::ErrorKind::NotFound.into()))
 }
 
 /// For both directions: so it has a reader and a writer as long as it is open here, and neither
-/// side's end shows in it.
-fn open_bell(path: &Path) -> io::Result<File> {
-    OpenOptions::new()
-        .read(true)
-        .write(true)
-        .custom_flags(libc::O_NONBLOCK | libc::O_NOFOLLOW)
-        .open(path)
+/// side's end shows in it. `None`: there is none.
+fn open_bell(name: &Name, role: Role) -> Result<Option<File>, IpcError> {
+    let as_bell = (Kind::Fifo, Access::Write);
+    owned::open(name, &name.bell(role), as_bell, "open a bell")
 }
 
 /// This process' namespace of process numbers.

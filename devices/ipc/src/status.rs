@@ -20,6 +20,7 @@ pub struct Status(Arc<Counts>);
 
 #[derive(Debug, Default)]
 struct Counts {
+    locked: AtomicBool,
     joined: AtomicBool,
     pid: AtomicU32,
     number: AtomicU64,
@@ -29,6 +30,10 @@ struct Counts {
 }
 
 impl Status {
+    pub(crate) fn opened(&self, is_locked: bool) {
+        self.0.locked.store(is_locked, Relaxed);
+    }
+
     pub(crate) fn joined(&self, pid: u32, start: u64, missing: u64) {
         self.0.pid.store(pid, Relaxed);
         self.0.number.store(start, Relaxed);
@@ -49,6 +54,13 @@ impl Status {
     /// RLIMIT_RTPRIO and CAP_SYS_NICE, of both programs.
     pub fn refused_priorities(&self) -> u64 {
         self.0.refused_priorities.load(Relaxed)
+    }
+
+    /// Whether the channel's shared memory was locked as it was opened, so that it is never swapped
+    /// out. If not, RLIMIT_MEMLOCK is too low for it; it is in memory all the same, and stays where
+    /// the computer does not swap, or where [`lock_memory`](luna::System::lock_memory) locks all.
+    pub fn is_locked(&self) -> bool {
+        self.0.locked.load(Relaxed)
     }
 
     /// Whether the other program has joined the session.

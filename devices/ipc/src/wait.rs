@@ -95,8 +95,8 @@ impl<'w, 'f> Waits<'w, 'f> {
             if let Some(seen) = look(self.session) {
                 return Poll::Ready(Ok(Seen::Word(seen)));
             }
-            if self.looks_left > 0 {
-                self.looks_left -= 1;
+            if let Some(left) = self.looks_left.checked_sub(1) {
+                self.looks_left = left;
                 // Another turn, after those of the processes that are ready now.
                 cx.waker().wake_by_ref();
                 return Poll::Pending;

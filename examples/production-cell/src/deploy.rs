@@ -17,6 +17,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
+use tempfile::TempDir;
 
 /// Each unit has a controller's loop, and the operator one.
 const LOOPS: usize = 8;
@@ -190,14 +191,15 @@ fn of_a_program(world: &Path) -> Options<'_> {
 struct Children {
     /// How a unit's program is started; the folder of its world is added.
     command: Box<dyn Fn(Unit) -> Command + Send>,
-    world: PathBuf,
+    /// Removed with this.
+    world: TempDir,
     running: [Option<Child>; 6],
 }
 
 impl Children {
     fn start_all(command: impl Fn(Unit) -> Command + Send + 'static) -> luna::Result<Self> {
-        let world = std::env::temp_dir().join(format!("luna-cell-{}", std::process::id()));
-        std::fs::create_dir_all(&world)?;
+        // A new one, that no other user can enter: a name alone may be taken.
+        let world = tempfile::Builder::new().prefix("luna-cell-").tempdir()?;
         let mut children = Self {
             command: Box::new(command),
             world,
@@ -211,7 +213,7 @@ impl Children {
 
     fn start(&mut self, unit: Unit) -> luna::Result<()> {
         let mut command = (self.command)(unit);
-        command.arg(&self.world);
+        command.arg(self.world.path());
         let quiet = command.stdin(Stdio::null()).stdout(Stdio::null());
         self.running[unit as usize] = Some(quiet.spawn()?);
         Ok(())
@@ -254,7 +256,6 @@ impl Drop for Children {
             let _ = child.kill();
             let _ = child.wait();
         }
-        let _ = std::fs::remove_dir_all(&self.world);
     }
 }
 

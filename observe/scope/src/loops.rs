@@ -1,5 +1,7 @@
 //! The statistics of each loop since the beginning: its jitter, and its late cycles.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use crate::histogram::Histogram;
 use luna_logger::format::Event;
 use serde_json::{Value, json};
@@ -69,13 +71,17 @@ impl Late {
         let from = event.time.saturating_sub(within);
         let overlap = event.time.min(self.time).saturating_sub(from.max(slot));
         if self.core == Some(event.subject) && overlap > 0 {
-            self.stolen += stolen.saturating_sub(within.saturating_sub(overlap));
+            let certain = stolen.saturating_sub(within.saturating_sub(overlap));
+            self.stolen = self.stolen.saturating_add(certain);
         }
     }
 
     /// How many per cent of the lateness a hypervisor explains, if it is at least half.
     fn stolen_percent(&self) -> Option<u64> {
-        let percent = (self.stolen.min(self.lateness) * 100).checked_div(self.lateness)?;
+        // Both are the recording's, and may be any numbers.
+        let stolen = u128::from(self.stolen.min(self.lateness)).saturating_mul(100);
+        let percent = stolen.checked_div(self.lateness.into())?;
+        let percent = u64::try_from(percent).ok()?;
         (percent >= NAMED_FROM).then_some(percent)
     }
 }
@@ -104,7 +110,7 @@ impl Loops {
                     histogram.correct(*last, event.arguments[0]);
                     *last = event.arguments[0];
                 }
-                self.late_in_all += 1;
+                self.late_in_all = self.late_in_all.saturating_add(1);
                 self.late.push_back(Late::of(event));
             }
             STOLEN => {
@@ -114,7 +120,7 @@ impl Loops {
             }
             _ => return,
         }
-        self.version += 1;
+        self.version = self.version.wrapping_add(1);
     }
 
     pub(crate) fn version(&self) -> u64 {
@@ -157,6 +163,16 @@ mod tests {
     use super::*;
 
     const UNKNOWN: u64 = 0;
+
+    /// A recording may state any numbers.
+    #[test]
+    fn the_largest_numbers_are_no_sums_that_overflow() {
+        let most = u64::MAX;
+        let late = (most, LATE, 7, [most, on_core(3, UNKNOWN, 100)]);
+        let stolen = (most, STOLEN, 3, [most, most]);
+        let json = json_of(&[(0, SLOT, 7, [1, most]), late, stolen, stolen]);
+        assert_eq!(json[0]["stolen_percent"], 100);
+    }
 
     fn on_core(core: u64, cause: u64, percent: u64) -> u64 {
         cause | percent << 8 | (core + 1) << 16

@@ -1,5 +1,7 @@
 //! The messages of SDO transfers, expedited and in segments.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use super::{AbortCode, Object};
 
 /// Up to 7 bytes.
@@ -124,7 +126,11 @@ fn expedited(command: u8, of: Object, data: &Short) -> Bytes {
             let mut bytes = [0; 4];
             let len = data.bytes().len().min(4);
             bytes[..len].copy_from_slice(&data.bytes()[..len]);
-            with_object(command | 0b11 | ((4 - len as u8) << 2), of, bytes)
+            with_object(
+                command | 0b11 | (4_u8.saturating_sub(len as u8) << 2),
+                of,
+                bytes,
+            )
         }
         Short::Unsized(bytes) => with_object(command | 0b10, of, *bytes),
     }
@@ -146,7 +152,11 @@ fn begun(bytes: &Bytes) -> Begun {
     match (is_expedited, has_size) {
         (true, true) => {
             let unused = usize::from(bytes[0] >> 2 & 3);
-            Begun::Data(Short::new(&bytes[4..8 - unused]))
+            Begun::Data(Short::new(
+                bytes
+                    .get(4..8_usize.saturating_sub(unused))
+                    .unwrap_or_default(),
+            ))
         }
         (true, false) => Begun::Data(Short::Unsized([bytes[4], bytes[5], bytes[6], bytes[7]])),
         (false, true) => Begun::Size(Some(word(bytes))),
@@ -155,7 +165,7 @@ fn begun(bytes: &Bytes) -> Begun {
 }
 
 fn segment(toggle: bool, is_last: bool, data: &Chunk) -> Bytes {
-    let unused = (7 - data.len) << 1;
+    let unused = 7_u8.saturating_sub(data.len) << 1;
     let mut bytes = [0; 8];
     bytes[0] = u8::from(toggle) << 4 | unused | u8::from(is_last);
     bytes[1..].copy_from_slice(&data.bytes);
@@ -164,7 +174,11 @@ fn segment(toggle: bool, is_last: bool, data: &Chunk) -> Bytes {
 
 fn of_segment(bytes: &Bytes) -> (bool, bool, Chunk) {
     let unused = usize::from(bytes[0] >> 1 & 7);
-    let data = Chunk::new(&bytes[1..8 - unused]);
+    let data = Chunk::new(
+        bytes
+            .get(1..8_usize.saturating_sub(unused))
+            .unwrap_or_default(),
+    );
     (is_toggled(bytes), bytes[0] & 1 != 0, data)
 }
 

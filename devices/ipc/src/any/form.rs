@@ -63,7 +63,8 @@ impl Form {
     fn size(&self) -> usize {
         match self {
             Form::Scalar(scalar) => scalar.size(),
-            Form::Array(element, length) => element.size() * length,
+            // Checked when the form was made.
+            Form::Array(element, length) => element.size().saturating_mul(*length),
             Form::Unit => 0,
             Form::Text(size) | Form::Raw(size) | Form::RawSerde(size) => *size,
         }
@@ -169,6 +170,8 @@ impl Form {
                 let word = words.next().ok_or("there are too few elements")?;
                 scalar.parse(word, bytes)
             }
+            // Of empty elements there may be more than can be counted through.
+            Form::Array(element, _) if element.size() == 0 => Ok(()),
             Form::Array(element, length) => {
                 (0..*length).try_for_each(|_| element.parse_words(words, bytes))
             }
@@ -266,9 +269,11 @@ fn put_length(mut length: usize, bytes: &mut Vec<u8>) {
 fn text(bytes: &[u8]) -> Option<&str> {
     let mut length = 0_usize;
     for (index, byte) in bytes.iter().enumerate() {
-        length |= usize::from(byte & 0x7f).checked_shl(7 * index as u32)?;
+        let shift = u32::try_from(index).ok()?.checked_mul(7)?;
+        length |= usize::from(byte & 0x7f).checked_shl(shift)?;
         if byte & 0x80 == 0 {
-            let rest = bytes.get(index + 1..)?.get(..length)?;
+            let (_, rest) = bytes.split_at_checked(index)?;
+            let rest = rest.get(1..)?.get(..length)?;
             return std::str::from_utf8(rest).ok();
         }
     }
@@ -304,6 +309,10 @@ mod tests {
         }
         let huge = format!("[u64; {}]", usize::MAX);
         assert_eq!(Form::plain(&TypeInfo::new(&huge, 8, 8, 0)), None);
+        // Of no bytes, so it may be as long as its name says.
+        let name = format!("[(); {}]", usize::MAX);
+        let empty = Form::plain(&TypeInfo::new(&name, 0, 1, 0)).unwrap();
+        assert_eq!(empty.parse("[]"), Ok(Vec::new()));
     }
 
     #[test]

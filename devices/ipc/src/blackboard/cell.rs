@@ -5,7 +5,7 @@
 //! reader copies the slot of `latest`, and looks at `latest` again: the slot was changed meanwhile
 //! only if the writer has begun value n + `SLOTS`, so if `latest` is n + `SLOTS` - 1 or more.
 
-use super::copy;
+use crate::copy;
 use crate::memory::Memory;
 use luna_platform::clock::Instant;
 use std::marker::PhantomData;
@@ -27,25 +27,58 @@ pub(super) const HEAD: usize = 64;
 #[error("the writer has set the value anew during each of {TRIES} copies of it")]
 pub struct Contended;
 
-/// How long a cell is, and how it is aligned.
-pub(super) fn layout(size: usize, align: usize) -> (usize, usize) {
-    let align = align.max(HEAD);
-    (
-        HEAD.next_multiple_of(align) + SLOTS as usize * stride(size, align),
-        align,
-    )
+/// How a cell lies in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Layout {
+    /// All of it, in bytes.
+    pub(super) length: usize,
+    pub(super) align: usize,
+    /// Where the first slot begins: its time, with the value `align` bytes behind it.
+    slots: usize,
+    /// From slot to slot.
+    stride: usize,
 }
 
-/// The time, and the value behind it.
-pub(super) fn stride(size: usize, align: usize) -> usize {
-    (align.max(HEAD) + size).next_multiple_of(align)
+impl Layout {
+    /// Of a value; `None`: it is longer than addresses reach. The size may be another program's.
+    pub(super) const fn of(size: usize, align: usize) -> Option<Self> {
+        let align = if align > HEAD { align } else { HEAD };
+        let Some(slots) = HEAD.checked_next_multiple_of(align) else {
+            return None;
+        };
+        let Some(stride) = align.checked_add(size) else {
+            return None;
+        };
+        let Some(stride) = stride.checked_next_multiple_of(align) else {
+            return None;
+        };
+        let Some(length) = stride.checked_mul(SLOTS as usize) else {
+            return None;
+        };
+        let Some(length) = length.checked_add(slots) else {
+            return None;
+        };
+        Some(Self {
+            length,
+            align,
+            slots,
+            stride,
+        })
+    }
+
+    /// Where the slot of a value is, within the cell.
+    pub(super) fn slot(&self, number: u64) -> usize {
+        // No larger than `length`, which was found.
+        let slot = (number % SLOTS) as usize;
+        self.slots.saturating_add(self.stride.saturating_mul(slot))
+    }
 }
 
 /// The cell of a value of type `T`.
 ///
 /// # Invariants
 ///
-/// `base` is aligned to `layout`, and so long, in a mapping that lives while this is used. One
+/// `base` is aligned as `LAYOUT` says, and so long, in a mapping that lives while this is used. One
 /// program writes there, by one `set` at a time; all of it is accessed atomically, the values by
 /// [`copy`].
 #[derive(Debug)]
@@ -68,6 +101,11 @@ unsafe impl<T: Send> Send for Cell<T> {}
 unsafe impl<T: Send> Sync for Cell<T> {}
 
 impl<T> Cell<T> {
+    const LAYOUT: Layout = match Layout::of(size_of::<T>(), align_of::<T>()) {
+        Some(layout) => layout,
+        None => panic!("four values of this type are longer than addresses reach"),
+    };
+
     /// # Safety
     ///
     /// A cell for this type is at `offset`, and the mapping outlives the result.
@@ -86,7 +124,7 @@ impl<T> Cell<T> {
                 "shared memory is aligned to pages of 4096 bytes"
             );
         }
-        let (length, align) = layout(size_of::<T>(), align_of::<T>());
+        let Layout { length, align, .. } = Self::LAYOUT;
         assert!(offset.is_multiple_of(align));
         Self {
             base: memory.at(offset, length),
@@ -101,14 +139,12 @@ impl<T> Cell<T> {
 
     /// The time and the value of a slot.
     fn slot(&self, number: u64) -> (&AtomicU64, NonNull<u8>) {
-        let align = align_of::<T>().max(HEAD);
-        let at = HEAD.next_multiple_of(align)
-            + (number % SLOTS) as usize * stride(size_of::<T>(), align);
+        let at = Self::LAYOUT.slot(number);
         // SAFETY: by the invariants all slots are in the cell. The value is `align` bytes behind
         // the slot's begin, which is aligned to that; the time is before it.
         unsafe {
             let slot = self.base.add(at);
-            (slot.cast().as_ref(), slot.add(align))
+            (slot.cast().as_ref(), slot.add(Self::LAYOUT.align))
         }
     }
 

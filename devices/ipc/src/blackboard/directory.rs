@@ -1,7 +1,7 @@
 //! The keys of a blackboard, and where their cells are. Written by the program that makes the
 //! segment, under the set-up lock, and never changed: so all others read it as plain memory.
 
-use super::cell;
+use super::cell::Layout;
 use crate::error::{TYPE_NAME, TypeInfo};
 use crate::memory::{Memory, OFFSET};
 
@@ -37,18 +37,22 @@ pub(super) struct Directory {
 }
 
 impl Directory {
-    /// Gives each key a cell. Returns the length of the segment too.
-    pub(super) fn plan(keys: impl ExactSizeIterator<Item = (String, TypeInfo)>) -> (Self, usize) {
-        let lines = OFFSET + HEAD + keys.len() * size_of::<Line>();
-        let mut end = lines.next_multiple_of(OFFSET);
-        let entries = keys.map(|(key, info)| {
-            let (length, align) = cell::layout(info.size as usize, info.align as usize);
-            let offset = end.next_multiple_of(align);
-            end = offset + length;
-            Entry { key, info, offset }
-        });
-        let entries = entries.collect();
-        (Self { entries }, end)
+    /// Gives each key a cell. Returns the length of the segment too; `None`: it is longer than
+    /// addresses reach.
+    pub(super) fn plan(keys: impl Iterator<Item = (String, TypeInfo)>) -> Option<(Self, usize)> {
+        let keys: Vec<_> = keys.collect();
+        let lines = keys.len().checked_mul(size_of::<Line>())?;
+        let lines = OFFSET.checked_add(HEAD)?.checked_add(lines)?;
+        let mut end = lines.checked_next_multiple_of(OFFSET)?;
+        let mut entries = Vec::with_capacity(keys.len());
+        for (key, info) in keys {
+            let layout = Layout::of(info.size.try_into().ok()?, info.align.try_into().ok()?)?;
+            let offset = end.checked_next_multiple_of(layout.align)?;
+            end = offset.checked_add(layout.length)?;
+            entries.push(Entry { key, info, offset });
+        }
+        let fits = isize::try_from(end).is_ok();
+        fits.then_some((Self { entries }, end))
     }
 
     pub(super) fn entry(&self, key: &str) -> Option<&Entry> {
@@ -63,7 +67,8 @@ impl Directory {
     /// counted yet, so that nobody reads the directory, and the mapping may be written.
     pub(super) unsafe fn write(&self, memory: &Memory) {
         let count = self.entries.len();
-        let length = HEAD + count * size_of::<Line>();
+        // No larger than the plan, which was found.
+        let length = count.saturating_mul(size_of::<Line>()).saturating_add(HEAD);
         let base = memory.at(OFFSET, length);
         // SAFETY: the place is in the mapping, may be written, and is aligned to a page. No other
         // thread or program reads it yet, as is demanded here.
@@ -97,14 +102,15 @@ impl Directory {
     /// A program has opened the blackboard to write, so it is whole. In memory that is too short for
     /// one there are no keys.
     pub(super) fn read(memory: &Memory) -> Self {
-        let Some(room) = memory.size().checked_sub(OFFSET + HEAD) else {
+        let Some(room) = memory.size().checked_sub(const { OFFSET + HEAD }) else {
             let entries = Vec::new();
             return Self { entries };
         };
         let base = memory.at(OFFSET, HEAD);
         // SAFETY: the place is in the mapping, and aligned to a page.
         let count = unsafe { base.cast::<u64>().read() };
-        let count = (count as usize).min(room / size_of::<Line>());
+        let most = room.checked_div(size_of::<Line>()).unwrap_or(0);
+        let count = usize::try_from(count).unwrap_or(most).min(most);
         let entries = (0..count).map(|index| {
             // SAFETY: there is room for so many lines. Any bits are valid in them.
             let line = unsafe { base.add(HEAD).cast::<Line>().add(index).read() };

@@ -5,7 +5,6 @@
 //! of the keys, which does not change after the segment was made, and a cell for each key.
 
 mod cell;
-mod copy;
 mod directory;
 mod raw;
 mod reader;

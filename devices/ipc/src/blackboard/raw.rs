@@ -1,16 +1,16 @@
 //! The value of a key whose type is known at run time alone: as bytes, by the rules of `cell`.
 
-use super::cell::{HEAD, SLOTS, TRIES, layout, stride};
-use super::copy;
+use super::cell::{Layout, SLOTS, TRIES};
 use super::directory::{Directory, Entry};
 use super::{TYPE, bad_key, open_locked};
 use crate::any::AnyValue;
+use crate::copy;
 use crate::error::TypeInfo;
 use crate::memory::{Memory, OFFSET};
 use crate::name::Name;
+use crate::owned::Access;
 use crate::session::{OPEN, namespace};
 use crate::{IpcError, Role};
-use iceoryx2_bb_posix::shared_memory::AccessMode;
 use luna_platform::clock::Instant;
 use std::marker::PhantomData;
 use std::ptr::NonNull;
@@ -26,7 +26,7 @@ use std::sync::atomic::{AtomicU64, fence};
 pub(super) struct Raw<'m> {
     base: NonNull<u8>,
     size: usize,
-    align: usize,
+    layout: Layout,
     _memory: PhantomData<&'m Memory>,
 }
 
@@ -39,14 +39,15 @@ impl<'m> Raw<'m> {
         if !is_layout {
             return None;
         }
-        let (length, to) = layout(size, align);
-        let end = entry.offset.checked_add(length)?;
-        let is_there =
-            entry.offset >= OFFSET && entry.offset.is_multiple_of(to) && end <= memory.size();
+        let layout = Layout::of(size, align)?;
+        let end = entry.offset.checked_add(layout.length)?;
+        let is_there = entry.offset >= OFFSET
+            && entry.offset.is_multiple_of(layout.align)
+            && end <= memory.size();
         is_there.then(|| Self {
-            base: memory.at(entry.offset, length),
+            base: memory.at(entry.offset, layout.length),
             size,
-            align: to,
+            layout,
             _memory: PhantomData,
         })
     }
@@ -58,12 +59,11 @@ impl<'m> Raw<'m> {
 
     /// The time and the value of a slot: as in `cell`.
     fn slot(&self, number: u64) -> (&AtomicU64, NonNull<u8>) {
-        let at = HEAD.next_multiple_of(self.align)
-            + (number % SLOTS) as usize * stride(self.size, self.align);
+        let at = self.layout.slot(number);
         // SAFETY: by the invariants all slots are in the cell, and the time is aligned.
         unsafe {
             let slot = self.base.add(at);
-            (slot.cast().as_ref(), slot.add(self.align))
+            (slot.cast().as_ref(), slot.add(self.layout.align))
         }
     }
 
@@ -90,11 +90,9 @@ impl<'m> Raw<'m> {
 
     /// The bytes of a slot's value, also while they are written: then they are to be thrown away.
     fn copy(&self, place: NonNull<u8>) -> Vec<u8> {
-        let mut bytes = vec![0; self.size];
         // SAFETY: by the invariants the bytes are there, aligned to 64 of them or more, and accessed
         // by copies alone. In shared memory each has a value.
-        unsafe { copy::load(place, bytes.as_mut_ptr(), self.size) };
-        bytes
+        unsafe { copy::bytes(place, self.size) }
     }
 
     /// Sets the value, and returns its number.
@@ -122,12 +120,10 @@ impl<'m> Raw<'m> {
 pub(crate) fn set(name: &str, key: &str, value: &AnyValue) -> Result<u64, IpcError> {
     let board = open_locked(Name::new(name)?, Role::Sender, |name, lock| {
         if !lock.take(Role::Sender)? {
-            let memory = Memory::map(name, AccessMode::Read);
-            let pid = memory.map(|memory| memory.words().side(Role::Sender).pid.load(Relaxed));
             return Err(IpcError::Busy {
                 name: name.text().to_owned(),
                 role: Role::Sender,
-                pid: pid.unwrap_or(0),
+                pid: Memory::holder(name, Role::Sender),
             });
         }
         // Without readers it ends with its writer: there would be nobody to see the value.
@@ -136,7 +132,7 @@ pub(crate) fn set(name: &str, key: &str, value: &AnyValue) -> Result<u64, IpcErr
                 name: name.text().to_owned(),
             });
         }
-        let memory = Memory::map(name, AccessMode::ReadWrite)?;
+        let memory = Memory::map(name, Access::Write)?;
         let own = memory.words().side(Role::Sender);
         let there = memory.words().stated();
         if there.name != TYPE || own.epoch.load(SeqCst) == 0 {

@@ -7,9 +7,9 @@ use super::{Board, TYPE, open_locked};
 use crate::error::TypeInfo;
 use crate::memory::Memory;
 use crate::name::Name;
+use crate::owned::Access;
 use crate::session::{OPEN, namespace, open_process};
 use crate::{IpcError, Role, ZeroCopySend};
-use iceoryx2_bb_posix::shared_memory::AccessMode;
 use luna::external::readable;
 use luna::realtime::off_path;
 use luna::{Error, Instant};
@@ -76,7 +76,7 @@ impl BoardReader {
                     pid: 0,
                 });
             }
-            let memory = Memory::map(name, AccessMode::Read)?;
+            let memory = Memory::map(name, Access::Read)?;
             let writer = memory.words().side(Role::Sender);
             let (there, pid) = (memory.words().stated(), writer.pid.load(Relaxed));
             if there.name != TYPE {

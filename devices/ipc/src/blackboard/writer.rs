@@ -8,9 +8,9 @@ use crate::error::TypeInfo;
 use crate::files::LockFile;
 use crate::memory::Memory;
 use crate::name::Name;
+use crate::owned::Access;
 use crate::session::{OPEN, namespace};
 use crate::{IpcError, Role, ZeroCopySend};
-use iceoryx2_bb_posix::shared_memory::AccessMode;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::{Relaxed, SeqCst};
 
@@ -116,7 +116,11 @@ impl Blackboard {
         }
         let keys = self.entries.iter();
         let keys = keys.map(|new| (new.key.clone(), (new.info)(self.version)));
-        let (directory, size) = Directory::plan(keys);
+        let planned = Directory::plan(keys);
+        let (directory, size) = planned.ok_or_else(|| IpcError::Size {
+            name: name.text().to_owned(),
+            value: Box::new(TypeInfo::new(TYPE, usize::MAX, 1, 0)),
+        })?;
         let initial = self.entries.into_iter().map(|new| new.set);
         let board = open_locked(name, Role::Sender, |name, lock| {
             let memory = open(name, lock, &directory, size)?;
@@ -164,12 +168,10 @@ fn open(
 ) -> Result<Memory, IpcError> {
     let role = Role::Sender;
     if !lock.take(role)? {
-        let memory = Memory::map(name, AccessMode::Read);
-        let holder = memory.map(|memory| memory.words().side(role).pid.load(Relaxed));
         return Err(IpcError::Busy {
             name: name.text().to_owned(),
             role,
-            pid: holder.unwrap_or(0),
+            pid: Memory::holder(name, role),
         });
     }
     let info = TypeInfo::new(TYPE, size, 1, 0);
@@ -181,7 +183,7 @@ fn open(
         unsafe { directory.write(&memory) };
         return Ok(memory);
     }
-    let memory = Memory::map(name, AccessMode::ReadWrite)?;
+    let memory = Memory::map(name, Access::Write)?;
     let there = memory.words().stated();
     if there.name != TYPE {
         return Err(IpcError::Type {
@@ -194,7 +196,13 @@ fn open(
     }
     let there = Directory::read(&memory);
     if there == *directory {
-        return Ok(memory);
+        return match memory.size() < size {
+            // It was made shorter since.
+            true => Err(IpcError::Protocol {
+                name: name.text().to_owned(),
+            }),
+            false => Ok(memory),
+        };
     }
     let is_other = |key: &&str| there.entry(key) != directory.entry(key);
     let keys = [directory, &there].map(|keys| keys.entries.iter().map(|entry| &*entry.key));

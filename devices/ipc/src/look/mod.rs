@@ -175,7 +175,7 @@ pub fn all() -> io::Result<All> {
         };
         match look(&name) {
             Ok(found) => all.found.extend(found),
-            Err(_) => all.hidden += 1,
+            Err(_) => all.hidden = all.hidden.saturating_add(1),
         }
     }
     all.found.sort_by(|one, other| one.name.cmp(&other.name));
@@ -230,7 +230,9 @@ fn look(name: &Name) -> Result<Option<Found>, IpcError> {
         _ => Vec::new(),
     };
     let sent = match kind {
-        Kind::Blackboard => keys.iter().map(|key| key.number).sum(),
+        Kind::Blackboard => keys
+            .iter()
+            .fold(0, |sum: u64, key| sum.saturating_add(key.number)),
         _ => words.published(),
     };
     Ok(Some(Found {

@@ -13,7 +13,9 @@ mod blackboard;
 mod buffers;
 mod calls;
 mod child;
+mod corrupted;
 mod death;
+mod foreign;
 mod guards;
 mod kill;
 mod kill_tasks;
@@ -21,6 +23,7 @@ mod loans;
 mod look;
 mod opening;
 mod rendezvous;
+mod room;
 mod same_core;
 #[cfg(feature = "serde")]
 mod serde_types;

@@ -106,7 +106,8 @@ impl OffsetBounds {
 pub(crate) fn drift(from: Stamp, to: Stamp, drift_ppm: u32) -> u64 {
     let apart = to.nanos_since(from).unsigned_abs();
     let drift = u128::from(apart) * u128::from(drift_ppm);
-    u64::try_from(drift.div_ceil(1_000_000)).unwrap_or(u64::MAX - CUT) + CUT
+    let drift = u64::try_from(drift.div_ceil(1_000_000)).unwrap_or(u64::MAX);
+    drift.saturating_add(CUT)
 }
 
 /// Between both bounds.
@@ -146,6 +147,15 @@ mod tests {
     }
 
     const BEGIN: u64 = 1_000_000_000_000;
+
+    /// A partner may echo any stamp.
+    #[test]
+    fn the_farthest_stamps_drift_no_further_than_numbers_reach() {
+        let [first, last] = [0, u64::MAX].map(Stamp::from_nanos);
+        for drift_ppm in [2_000_000, 2_000_001, u32::MAX] {
+            assert!(drift(first, last, drift_ppm) >= u64::MAX - 2);
+        }
+    }
 
     impl There {
         fn ahead(self, now: u64) -> i64 {

@@ -1,5 +1,7 @@
 //! Records out of a block.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use super::record::{Event, Record, RunsOn, SignalInfo, Subject};
 use super::types::{ClockBase, Level, Losing, Type, Values};
 use super::{MAX_ELEMENTS, MAX_SIGNALS, kind};
@@ -57,7 +59,7 @@ impl<'a> Body<'a> {
 
     fn time(&mut self, last: &mut u64) -> Result<u64, Wrong> {
         let number = self.number()?;
-        let distance = (number >> 1) as i64 ^ -((number & 1) as i64);
+        let distance = (number >> 1) as i64 ^ ((number & 1) as i64).wrapping_neg();
         *last = last.wrapping_add(distance as u64);
         Ok(*last)
     }
@@ -94,7 +96,7 @@ impl Types {
             return Err("the number of a signal is too high");
         }
         if self.0.len() <= index {
-            self.0.resize(index + 1, Declared::Not);
+            self.0.resize(index.saturating_add(1), Declared::Not);
         }
         self.0[index] = declared;
         Ok(())
@@ -162,7 +164,7 @@ pub(super) fn record<'a>(
                 time: body.time(last)?,
                 values: Values::new(
                     element_type,
-                    body.take(element_type.size() * usize::from(elements))?,
+                    body.take(element_type.size().saturating_mul(elements.into()))?,
                 ),
             }
         }

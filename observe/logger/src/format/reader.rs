@@ -1,5 +1,7 @@
 //! Blocks into records, with bounded memory.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use super::decode::{Body, Types, is_known, record};
 use super::error::{ReadError, ReadErrorKind};
 use super::record::Record;
@@ -86,7 +88,11 @@ impl<R: Read> Reader<R> {
         if got < HEAD {
             return Err(ReadError::new(0, ReadErrorKind::Truncated));
         }
-        let number = |at: usize| u16::from_le_bytes([head[at], head[at + 1]]);
+        let number = |at: usize| {
+            head[at..]
+                .first_chunk()
+                .map_or(0, |bytes| u16::from_le_bytes(*bytes))
+        };
         let version = (number(8), number(10));
         if version.0 != MAJOR {
             return Err(ReadError::new(8, ReadErrorKind::Version { found: version }));
@@ -214,7 +220,8 @@ impl<R: Read> Reader<R> {
             match self.next_block(true) {
                 Ok(true) => {
                     self.is_over = false;
-                    let skipped = self.block_offset - BLOCK_START as u64 - begin;
+                    let begun = self.block_offset.saturating_sub(BLOCK_START as u64);
+                    let skipped = begun.saturating_sub(begin);
                     return Ok(Some(skipped));
                 }
                 Ok(false) => {
@@ -242,9 +249,9 @@ impl<R: Read> Reader<R> {
             .windows(BLOCK_MAGIC.len())
             .position(|bytes| bytes == BLOCK_MAGIC)
             .unwrap_or(next.len().saturating_sub(3))
-            + 1;
+            .saturating_add(1);
         self.ahead.drain(..at);
-        self.offset += at as u64;
+        self.offset = self.offset.saturating_add(at as u64);
     }
 
     /// Finds the next record that this version knows.
@@ -262,7 +269,7 @@ impl<R: Read> Reader<R> {
             let mut rest = Body::new(&self.block[at..]);
             let kind = rest.byte().map_err(wrong)?;
             let length = rest.number().map_err(wrong)?;
-            let begin = self.block.len() - rest.rest().len();
+            let begin = self.block.len().saturating_sub(rest.rest().len());
             let end = usize::try_from(length)
                 .ok()
                 .and_then(|length| begin.checked_add(length))
@@ -299,13 +306,15 @@ impl<R: Read> Reader<R> {
             return Err(broken(ReadErrorKind::Truncated));
         }
         let number = |at: usize| {
-            u32::from_le_bytes([start[at], start[at + 1], start[at + 2], start[at + 3]])
+            start[at..]
+                .first_chunk()
+                .map_or(0, |bytes| u32::from_le_bytes(*bytes))
         };
         let (found, length, checksum) = (number(4), number(8), number(12));
         if length as usize > MAX_IN_BLOCK {
             return Err(broken(ReadErrorKind::BlockTooLong { length }));
         }
-        let whole = BLOCK_START + length as usize;
+        let whole = BLOCK_START.saturating_add(length as usize);
         if self.look(whole).map_err(io)? < whole {
             return Err(broken(ReadErrorKind::Truncated));
         }
@@ -318,14 +327,15 @@ impl<R: Read> Reader<R> {
         }
         // A repeated block is behind, and none is missing.
         let gap = found.wrapping_sub(self.sequence);
-        self.missing += u64::from(gap.cast_signed().max(0).cast_unsigned());
+        let gap = u64::from(gap.cast_signed().max(0).cast_unsigned());
+        self.missing = self.missing.saturating_add(gap);
         self.sequence = found.wrapping_add(1);
         self.block.clear();
         self.block
             .extend_from_slice(&self.ahead[BLOCK_START..whole]);
         self.ahead.drain(..whole);
-        self.block_offset = offset + BLOCK_START as u64;
-        self.offset = offset + whole as u64;
+        self.block_offset = offset.saturating_add(BLOCK_START as u64);
+        self.offset = offset.saturating_add(whole as u64);
         self.at = 0;
         self.last = 0;
         Ok(true)
@@ -339,7 +349,7 @@ impl<R: Read> Reader<R> {
             self.ahead.resize(length, 0);
             let got = fill(&mut self.input, &mut self.ahead[before..]);
             self.ahead
-                .truncate(before + got.as_ref().copied().unwrap_or(0));
+                .truncate(before.saturating_add(got.as_ref().copied().unwrap_or(0)));
             got?;
         }
         Ok(self.ahead.len().min(length))
@@ -347,7 +357,7 @@ impl<R: Read> Reader<R> {
 }
 
 fn wrong(block: u64, at: usize, what: &'static str) -> ReadError {
-    ReadError::new(block + at as u64, ReadErrorKind::Record(what))
+    ReadError::new(block.saturating_add(at as u64), ReadErrorKind::Record(what))
 }
 
 /// Reads until `to` is full or the input ends. Returns how many bytes were read.
@@ -356,7 +366,7 @@ fn fill(from: &mut impl Read, to: &mut [u8]) -> std::io::Result<usize> {
     while got < to.len() {
         match from.read(&mut to[got..]) {
             Ok(0) => break,
-            Ok(more) => got += more,
+            Ok(more) => got = got.saturating_add(more),
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) => return Err(error),
         }

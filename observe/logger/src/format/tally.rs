@@ -1,5 +1,7 @@
 //! How much is in a block, without looking into its records.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use super::decode::Body;
 use super::{BLOCK_START, MAX_SIGNALS, kind};
 use std::collections::BTreeMap;
@@ -44,8 +46,8 @@ impl Tally {
     /// Adds the contents of a block. Of a malformed block it counts what can be read. O(records).
     /// Invalid signal numbers are ignored, so that its memory is bounded.
     pub fn add(&mut self, block: &[u8]) {
-        self.blocks += 1;
-        self.bytes += block.len() as u64;
+        self.blocks = self.blocks.saturating_add(1);
+        self.bytes = self.bytes.saturating_add(block.len() as u64);
         let mut rest = block.get(BLOCK_START..).unwrap_or_default();
         while let Some(after) = self.add_record(rest) {
             rest = after;
@@ -65,7 +67,7 @@ impl Tally {
         let number = || u32::try_from(Body::new(record).number().ok()?).ok();
         match kind {
             kind::SAMPLE => count(&mut self.samples, number()?),
-            kind::MESSAGE => self.messages += 1,
+            kind::MESSAGE => self.messages = self.messages.saturating_add(1),
             kind::EVENT => count(&mut self.events, number()?),
             kind::END => self.has_end = true,
             _ => {}
@@ -77,6 +79,7 @@ impl Tally {
 /// One more of `number`, among as many as a recording has.
 fn count(of: &mut BTreeMap<u32, u64>, number: u32) {
     if (number as usize) < MAX_SIGNALS {
-        *of.entry(number).or_default() += 1;
+        let count = of.entry(number).or_default();
+        *count = count.saturating_add(1);
     }
 }

@@ -1,5 +1,7 @@
 //! TCP connections of senders, a thread each.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use super::office::{Known, Office, Refusal, lock};
 use super::receive::LOOK;
 use super::timed;
@@ -108,7 +110,7 @@ impl Stream<'_> {
         check_prefix(&hello)?;
         read(&mut hello[PREFIX..])?;
         let rest = Hello::rest(&hello)?;
-        hello.resize(HELLO + rest, 0);
+        hello.resize(HELLO.saturating_add(rest), 0);
         read(&mut hello[HELLO..])?;
         Hello::read(&hello)
     }
@@ -128,7 +130,7 @@ impl Stream<'_> {
             if block[..4] != BLOCK_MAGIC || length > MAX_IN_BLOCK {
                 return Err(damaged("it is no block"));
             }
-            block.resize(BLOCK_START + length, 0);
+            block.resize(BLOCK_START.saturating_add(length), 0);
             if !self.read(&mut block[BLOCK_START..], SILENT)? {
                 let what = "it ends in a block";
                 return Err(io::Error::new(ErrorKind::UnexpectedEof, what));

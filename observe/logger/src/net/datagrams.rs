@@ -1,5 +1,7 @@
 //! Datagrams of senders, all on one thread.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use super::office::{Known, Office, lock};
 use super::receive::LOOK;
 use super::wire::{Answer, DATAGRAM, Datagram, Hello, Key, PeerError, answer_bytes, u32_at};
@@ -69,7 +71,7 @@ impl Hall<'_> {
         let block = &mut bytes[DATAGRAM..];
         if block.len() <= BLOCK_START
             || block[..4] != BLOCK_MAGIC
-            || u32_at(block, 8) as usize != block.len() - BLOCK_START
+            || Some(u32_at(block, 8) as usize) != block.len().checked_sub(BLOCK_START)
             || checksum(block) != u32_at(block, 12)
         {
             return Err(PeerError::Damaged("it is no block"));
@@ -89,9 +91,10 @@ impl Hall<'_> {
             return Ok(());
         }
         known.next = number.wrapping_add(1);
-        let missing =
-            ahead.cast_unsigned() + u32::from(!here.reader.can_read(block, &mut here.sequence));
-        known.departure.missing += u64::from(missing);
+        let is_bad = !here.reader.can_read(block, &mut here.sequence);
+        let missing = ahead.cast_unsigned().saturating_add(is_bad.into());
+        let before = known.departure.missing;
+        known.departure.missing = before.saturating_add(missing.into());
         // The difference of the numbers: how many blocks are missing before this one.
         if ahead > 0 {
             known.record_missing();

@@ -4,6 +4,8 @@
 //! The first 16 bytes of either side are the same in all versions, so that each side can name the
 //! other's version.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use crate::format::{MAJOR, MINOR};
 use std::hash::{BuildHasher, Hasher};
 
@@ -68,8 +70,8 @@ pub enum PeerError {
 /// `N` bytes at `at`.
 fn number<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let mut number = [0; N];
-    if let Some(there) = bytes.get(at..at + N) {
-        number.copy_from_slice(there);
+    if let Some(there) = bytes.get(at..).and_then(<[u8]>::first_chunk) {
+        number = *there;
     }
     number
 }
@@ -117,7 +119,9 @@ fn end(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 fn check_end(bytes: &[u8], length: usize) -> Result<(), PeerError> {
-    if bytes.len() < length + 4 || crc32fast::hash(&bytes[..length]) != u32_at(bytes, length) {
+    if bytes.len() < length.saturating_add(4)
+        || crc32fast::hash(&bytes[..length]) != u32_at(bytes, length)
+    {
         return Err(PeerError::Damaged("its checksum is wrong"));
     }
     Ok(())
@@ -181,7 +185,7 @@ impl Hello {
     }
 
     pub(super) fn read(bytes: &[u8]) -> Result<Self, PeerError> {
-        let length = HELLO + Self::rest(bytes)? - 4;
+        let length = HELLO.saturating_add(Self::rest(bytes)?.saturating_sub(4));
         check_end(bytes, length)?;
         let name = std::str::from_utf8(&bytes[HELLO..length])
             .map_err(|_| PeerError::Damaged("its name is not UTF-8"))?;

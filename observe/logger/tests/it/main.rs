@@ -2,6 +2,9 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../../../../tests/shared/mod.rs"]
+#[macro_use]
+mod shared;
 
 #[cfg(feature = "events")]
 mod events;

@@ -1,5 +1,5 @@
-//! Messages on the path by threads without rings are lost and counted. One test alone, since
-//! threads without a hub count for the recording that began last.
+//! Messages on the path by threads without rings are lost and counted. In a process of its own,
+//! since threads without a hub count for the recording that began last.
 
 use crate::common;
 use common::Kept;
@@ -23,6 +23,7 @@ fn on_the_path(hub: Option<&Arc<Hub>>, messages: u32) {
 
 #[test]
 fn messages_on_the_path_without_rings_are_counted() {
+    own_process!();
     let hubs = ["first", "second"].map(|name| Hub::new(name, Default::default()));
     let kept = [Kept::default(), Kept::default()];
     // Nothing is recorded yet, so they count for no recording.
