@@ -23,43 +23,6 @@ fn a_suspended_program_misses_slots_counts_them_and_goes_on() {
     }
 }
 
-/// A jump of the wall clock moves no timer: all are on the monotonic clock, as the kernel's data
-/// shows.
-#[test]
-#[cfg(target_os = "linux")]
-fn the_timers_are_on_the_monotonic_clock() {
-    own_process!();
-    if !COMPLETE {
-        skip("the portable layer has no timers that are files");
-        return;
-    }
-    let mut system = managed("clocks");
-    let main = system.executor("main").build().unwrap();
-    main.process("one").spawn_ok(async {
-        let mut tick = luna::periodic("one", PERIOD)?;
-        tick.next().await;
-        let timers = luna::realtime::off_path(|| {
-            let mut clocks = Vec::new();
-            for file in std::fs::read_dir("/proc/self/fdinfo").unwrap().flatten() {
-                let text = std::fs::read_to_string(file.path()).unwrap_or_default();
-                clocks.extend(
-                    text.lines()
-                        .filter(|line| line.starts_with("clockid:"))
-                        .map(str::to_owned),
-                );
-            }
-            clocks
-        });
-        assert_eq!(timers.len(), 1, "{timers:?}");
-        assert!(
-            timers.iter().all(|clock| clock.trim_end().ends_with('1')),
-            "{timers:?}"
-        );
-        Ok(())
-    });
-    system.run().unwrap();
-}
-
 #[test]
 fn its_thread_has_a_priority_of_its_own_where_the_system_has_any() {
     own_process!();
