@@ -79,11 +79,10 @@ fn boot(
 ) -> Result<BTreeMap<String, Figures>, String> {
     let mut commands = format!("{before}\n");
     for row in rows {
-        commands.push_str(&format!(
-            "echo '{MARK}{}'\n{}\n",
-            row.name.replace('\'', "'\\''"),
-            row.command
-        ));
+        for _ in 0..row.runs {
+            let name = row.name.replace('\'', "'\\''");
+            commands.push_str(&format!("echo '{MARK}{name}'\n{}\n", row.command));
+        }
     }
     // Processes of the load are left to the end of the guest.
     commands.push_str("exit 0");
@@ -114,24 +113,44 @@ fn boot(
 fn read(rows: &[Row], output: &str) -> Result<BTreeMap<String, Figures>, String> {
     let mut figures = BTreeMap::new();
     for row in rows {
-        let own = output
-            .split(MARK)
-            .find_map(|part| part.strip_prefix(row.name)?.strip_prefix('\n'))
-            .unwrap_or_default();
-        let found = match row.reading {
-            Reading::Line => line(own),
-            Reading::Json(name) => json(own, name),
-            Reading::Cyclictest => cyclictest(own),
-        };
-        let found = found.ok_or_else(|| {
-            format!(
-                "row `{}`: no latencies in what `{}` printed:\n{own}",
-                row.name, row.command
-            )
-        })?;
-        figures.insert(row.name.to_owned(), found);
+        let mut runs = Vec::new();
+        let own = |part: &'_ str| Some(part.strip_prefix(row.name)?.strip_prefix('\n')?.to_owned());
+        for text in output.split(MARK).filter_map(own) {
+            let found = match row.reading {
+                Reading::Line => line(&text),
+                Reading::Json(name) => json(&text, name),
+                Reading::Cyclictest => cyclictest(&text),
+            };
+            runs.push(found.ok_or_else(|| {
+                let (name, command) = (row.name, &row.command);
+                format!("row `{name}`: no latencies in what `{command}` printed:\n{text}")
+            })?);
+        }
+        if runs.len() != row.runs as usize {
+            return Err(format!(
+                "row `{}`: it was run {} times of {}",
+                row.name,
+                runs.len(),
+                row.runs
+            ));
+        }
+        figures.insert(row.name.to_owned(), united(&runs));
     }
     Ok(figures)
+}
+
+/// The medians of the percentiles, and the longest of all.
+fn united(runs: &[Figures]) -> Figures {
+    let median = |figure: fn(&Figures) -> Option<f64>| {
+        let mut all: Vec<f64> = runs.iter().filter_map(figure).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied()
+    };
+    Figures {
+        p50: median(|run| run.p50),
+        p99: median(|run| run.p99),
+        max: runs.iter().fold(0.0, |max, run| max.max(run.max)),
+    }
 }
 
 /// Reads `... p50 1.23 p99 1.23 max 1.23 us`.
@@ -185,6 +204,7 @@ mod tests {
         Row {
             name,
             command: "true".to_owned(),
+            runs: 1,
             reading,
             goal: None,
         }
@@ -217,6 +237,26 @@ row> none
             figures(Some(9.15), Some(11.8), 15.9)
         );
         assert_eq!(all["cyclictest"], figures(None, None, 12.345));
+    }
+
+    #[test]
+    fn runs_are_united() {
+        let figures = |p50, max| Figures {
+            p50: Some(p50),
+            p99: None,
+            max,
+        };
+        let one = united(&[figures(14.0, 15.0), figures(9.0, 17.0), figures(9.5, 12.0)]);
+        assert_eq!(one, figures(9.5, 17.0));
+        let output = "row> a\np50 1 p99 1 max 1 us wake-up latency\n";
+        let rows = [Row {
+            runs: 2,
+            ..row("a", Reading::Line)
+        }];
+        assert_eq!(
+            read(&rows, output).unwrap_err(),
+            "row `a`: it was run 1 times of 2"
+        );
     }
 
     #[test]
