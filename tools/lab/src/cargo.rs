@@ -4,6 +4,7 @@ use crate::arch::Arch;
 use crate::build;
 use crate::place::{Place, which};
 use std::env;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Rust's name of the target.
@@ -37,9 +38,19 @@ pub(crate) fn command(place: &Place, arguments: &[String]) -> Result<u8, String>
         .unwrap_or(1))
 }
 
+/// The compiler in the folder that its packages are unpacked to.
+pub(crate) fn rustc(rust: &Path) -> PathBuf {
+    rust.join("usr/bin/rustc")
+}
+
+/// Its shared libraries.
+pub(crate) fn libraries(rust: &Path) -> PathBuf {
+    rust.join("usr/lib/x86_64-linux-gnu")
+}
+
 /// What is missing before Arm programs can be built.
 pub(crate) fn hindrance(place: &Place) -> Option<String> {
-    let rustc = place.rust().join("usr/bin/rustc");
+    let rustc = rustc(&place.rust());
     if !rustc.is_file() {
         return Some(format!(
             "{} is missing: run `lab setup --arm`",
@@ -65,16 +76,16 @@ pub(crate) fn arm_cargo(place: &Place, subcommand: &str) -> Result<Command, Stri
         return Err(reason);
     }
     let rust = place.rust();
-    let mut libraries = vec![rust.join("usr/lib/x86_64-linux-gnu")];
+    let mut all = vec![libraries(&rust)];
     if let Some(path) = env::var_os("LD_LIBRARY_PATH") {
-        libraries.extend(env::split_paths(&path));
+        all.extend(env::split_paths(&path));
     }
-    let libraries = env::join_paths(libraries).map_err(|error| error.to_string())?;
+    let all = env::join_paths(all).map_err(|error| error.to_string())?;
     let mut cargo = build::cargo();
     cargo
         .args([subcommand, "--target", TARGET])
-        .env("LD_LIBRARY_PATH", libraries)
-        .env("RUSTC", rust.join("usr/bin/rustc"))
+        .env("LD_LIBRARY_PATH", all)
+        .env("RUSTC", rustc(&rust))
         .env("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER", LINKER);
     // Its artefacts are those of another compiler.
     if env::var_os("CARGO_TARGET_DIR").is_none() {

@@ -4,6 +4,7 @@ use crate::arch::Arch;
 use crate::cargo;
 use crate::place::{Place, which};
 use nix::unistd::Uid;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -153,18 +154,20 @@ fn compiler(place: &Place, new: &Path) -> Result<(), String> {
     println!("arm64: downloading a compiler");
     let rust = new.join("rust");
     let (amd64, arm64) = (Apt::new(new, Arch::Amd64)?, Apt::new(new, Arch::Arm64)?);
-    let mut own = vec![COMPILER.to_owned(), STANDARD_LIBRARY.to_owned()];
-    own.extend(amd64.depends(COMPILER, "libstd-rust-web-")?);
-    own.extend(amd64.depends(&own[own.len() - 1], "libllvm")?);
-    own.extend(amd64.depends(COMPILER, "libllvm")?);
-    let mut arm = vec![STANDARD_LIBRARY.to_owned()];
-    arm.extend(arm64.depends(STANDARD_LIBRARY, "libstd-rust-web-")?);
-    for (apt, mut packages) in [(amd64, own), (arm64, arm)] {
-        packages.sort();
-        packages.dedup();
-        let packages: Vec<_> = packages.iter().map(String::as_str).collect();
-        apt.unpack(&packages, &rust)?;
-    }
+    amd64.unpack(
+        &amd64.closure(COMPILER, &["libstd-rust-web-", "libllvm"])?,
+        &rust,
+    )?;
+    arm64.unpack(
+        &arm64.closure(STANDARD_LIBRARY, &["libstd-rust-web-"])?,
+        &rust,
+    )?;
+    let mut rustc = Command::new(cargo::rustc(&rust));
+    call(
+        rustc
+            .arg("--version")
+            .env("LD_LIBRARY_PATH", cargo::libraries(&rust)),
+    )?;
     replace(&rust, &place.rust())
 }
 
@@ -219,7 +222,25 @@ impl Apt {
         Ok(dependencies(&text, prefix))
     }
 
-    fn unpack(&self, packages: &[&str], to: &Path) -> Result<(), String> {
+    /// A package, and all that it depends on with names that begin so.
+    fn closure(&self, package: &str, prefixes: &[&str]) -> Result<Vec<String>, String> {
+        let mut all = vec![package.to_owned()];
+        let mut next = 0;
+        while next < all.len() {
+            let package = all[next].clone();
+            for prefix in prefixes {
+                for name in self.depends(&package, prefix)? {
+                    if !all.contains(&name) {
+                        all.push(name);
+                    }
+                }
+            }
+            next += 1;
+        }
+        Ok(all)
+    }
+
+    fn unpack<S: AsRef<OsStr>>(&self, packages: &[S], to: &Path) -> Result<(), String> {
         let mut command = Command::new("apt-get");
         command
             .args(&self.options)
