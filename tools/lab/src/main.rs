@@ -22,7 +22,7 @@ Runs programs under a PREEMPT_RT kernel of Debian, and on 64-bit Arm, in QEMU wi
 
 Usage: lab setup [--arm]
        lab run [OPTIONS] FILE... -- COMMANDS
-       lab exact [show | gate | record]
+       lab exact [show | gate | record] [--seed SEED]
        lab test amd64|arm64 [--package PACKAGE]...
        lab cargo ARGUMENTS...
 
@@ -41,6 +41,7 @@ Usage: lab setup [--arm]
              show                 prints them with their goals (default)
              gate                 fails where one exceeds the recorded one by too much
              record               writes them to tools/lab/recorded.txt
+             --seed SEED          arranges memory and phases otherwise [default: 1]
   test     the test programs of the kernel crates, and on amd64 those of luna-rt, on two processors
   cargo    cargo for aarch64-unknown-linux-gnu: `lab cargo build --package luna-core`
 

@@ -11,7 +11,8 @@ use crate::place::Place;
 use gate::Verdict;
 use recorded::Recorded;
 
-const USAGE: &str = "lab exact: what is to be done? show (default), gate or record";
+const USAGE: &str =
+    "lab exact: what is to be done? show (default), gate or record; then --seed SEED, if any";
 
 /// Runs the command. Returns its exit code: 1 when `gate` found a latency that is too high.
 ///
@@ -19,7 +20,16 @@ const USAGE: &str = "lab exact: what is to be done? show (default), gate or reco
 ///
 /// The arguments are wrong, a program cannot be built, or a guest or a row does not give figures.
 pub(crate) fn command(place: &Place, arguments: &[String]) -> Result<u8, String> {
-    let what = match arguments {
+    let (words, seed) = match arguments {
+        [words @ .., option, seed] if option == "--seed" => {
+            let seed = seed
+                .parse()
+                .map_err(|_| format!("lab exact: --seed {seed}: no number"));
+            (words, seed?)
+        }
+        words => (words, 1),
+    };
+    let what = match words {
         [] => "show",
         [what] if matches!(what.as_str(), "show" | "gate" | "record") => what.as_str(),
         _ => return Err(USAGE.to_owned()),
@@ -29,7 +39,7 @@ pub(crate) fn command(place: &Place, arguments: &[String]) -> Result<u8, String>
         return Ok(u8::from(what != "gate"));
     }
     let recorded = Recorded::load()?;
-    let measured = measure::all(place)?;
+    let measured = measure::all(place, seed)?;
     table::print(&measured, &recorded);
     println!();
     match what {
