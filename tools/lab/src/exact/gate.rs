@@ -5,9 +5,10 @@ use super::rows::{Goal, Which};
 use std::collections::BTreeMap;
 
 /// How much a median may exceed the recorded one, as a fraction of it.
-const MEDIAN: f64 = 0.02;
-/// The same of the longest.
-const MAX: f64 = 0.05;
+///
+/// The same programs give the same figures. Programs that are arranged otherwise in memory, and begin
+/// at another phase of the kernel's tick, differed by up to 1.5 %.
+const MEDIAN: f64 = 0.03;
 
 /// The verdict on a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,8 +23,8 @@ pub(crate) enum Verdict {
 }
 
 impl Verdict {
-    /// Judges.
-    pub(crate) fn of(recorded: Option<Figures>, now: Figures) -> Verdict {
+    /// Judges; `longest` is how much the longest latency may exceed the recorded one, as a fraction.
+    pub(crate) fn of(recorded: Option<Figures>, now: Figures, longest: f64) -> Verdict {
         let Some(old) = recorded else {
             return Verdict::New;
         };
@@ -34,9 +35,9 @@ impl Verdict {
         let max = now.max / old.max - 1.0;
         if median > MEDIAN {
             Verdict::SlowerMedian
-        } else if max > MAX {
+        } else if max > longest {
             Verdict::SlowerMax
-        } else if median < -MEDIAN || max < -MAX {
+        } else if median < -MEDIAN || max < -longest {
             Verdict::Faster
         } else {
             Verdict::Same
@@ -122,17 +123,17 @@ mod tests {
     fn what_is_slower_beyond_the_tolerance_fails_and_faster_does_not() {
         let old = Some(figures(10.0, 20.0));
         for (now, verdict) in [
-            (figures(10.1, 20.5), Verdict::Same),
+            (figures(10.2, 20.5), Verdict::Same),
             (figures(9.9, 19.5), Verdict::Same),
-            (figures(10.3, 20.0), Verdict::SlowerMedian),
+            (figures(10.4, 20.0), Verdict::SlowerMedian),
             (figures(10.0, 21.1), Verdict::SlowerMax),
-            (figures(9.7, 20.0), Verdict::Faster),
+            (figures(9.6, 20.0), Verdict::Faster),
             (figures(10.0, 18.9), Verdict::Faster),
         ] {
-            assert_eq!(Verdict::of(old, now), verdict, "{now:?}");
+            assert_eq!(Verdict::of(old, now, 0.05), verdict, "{now:?}");
         }
         assert!(Verdict::SlowerMax.is_failure() && !Verdict::Faster.is_failure());
-        assert!(Verdict::of(None, figures(1.0, 1.0)).is_failure());
+        assert!(Verdict::of(None, figures(1.0, 1.0), 0.05).is_failure());
     }
 
     #[test]
@@ -142,9 +143,12 @@ mod tests {
             p99: None,
             max,
         };
-        assert_eq!(Verdict::of(Some(only(10.0)), only(10.1)), Verdict::Same);
         assert_eq!(
-            Verdict::of(Some(only(10.0)), only(12.0)),
+            Verdict::of(Some(only(10.0)), only(10.1), 0.05),
+            Verdict::Same
+        );
+        assert_eq!(
+            Verdict::of(Some(only(10.0)), only(12.0), 0.05),
             Verdict::SlowerMax
         );
     }

@@ -209,6 +209,7 @@ mod tests {
             name,
             command: "true".to_owned(),
             runs: 1,
+            longest: 0.1,
             reading,
             goal: None,
         }

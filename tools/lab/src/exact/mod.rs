@@ -69,11 +69,13 @@ fn is_passed(measured: &Recorded, recorded: &Recorded) -> bool {
         println!("not judged: {reason}");
         return true;
     }
-    let verdicts: Vec<_> = measured
-        .figures
-        .iter()
-        .map(|(name, now)| Verdict::of(recorded.figures.get(name).copied(), *now))
-        .collect();
+    let rows = rows::all();
+    let verdict = |row: &rows::Row| {
+        let now = measured.figures.get(row.name)?;
+        let old = recorded.figures.get(row.name).copied();
+        Some(Verdict::of(old, *now, row.longest))
+    };
+    let verdicts: Vec<_> = rows.rows().filter_map(verdict).collect();
     let failures = verdicts
         .iter()
         .filter(|verdict| verdict.is_failure())

@@ -30,7 +30,7 @@ pub(crate) fn print(measured: &Recorded, recorded: &Recorded) {
         let old = recorded.figures.get(row.name).copied();
         let (old_p50, old_max) = (old.and_then(|old| old.p50), old.map(|old| old.max));
         let verdict = if is_judged {
-            Verdict::of(old, now).text()
+            Verdict::of(old, now, row.longest).text()
         } else {
             ""
         };
