@@ -24,9 +24,10 @@ const BUSY: Duration = Duration::from_millis(20);
 const AFTER: Duration = Duration::from_millis(5);
 /// How often it is busy.
 const SPELLS: u32 = 3;
-/// With a longer gap the core was not the thread's alone.
-const LONGEST_GAP: Duration = Duration::from_millis(2);
-/// How often a spell with such a gap is tried again, in all.
+/// If others had the core for longer, it was not the thread's alone. A host that takes the core away
+/// does not count: it lets nothing through.
+const LONGEST_WAIT: Duration = Duration::from_millis(2);
+/// How often it is busy at most, if others had the core for longer.
 const TRIES: u32 = 10;
 
 /// What came through in one spell, and how late.
@@ -35,7 +36,8 @@ pub(super) struct Spell {
     /// Of the busy thread, as obtained.
     how: String,
     has_policy: bool,
-    longest_gap: Duration,
+    /// How long others had its core, as far as the kernel counts it.
+    waited: Duration,
     /// In the order of [`WAYS`].
     late: [Option<Duration>; WAYS.len()],
 }
@@ -116,10 +118,10 @@ pub(super) fn on(machine: &Machine) -> Vec<Finding> {
                 problem = Some(format!("{}: it needs SCHED_FIFO", spell.how));
                 break;
             }
-            Ok(spell) if spell.longest_gap > LONGEST_GAP => {
+            Ok(spell) if spell.waited > LONGEST_WAIT => {
                 problem = Some(format!(
                     "something else had the core for {:.1} ms",
-                    spell.longest_gap.as_secs_f64() * 1e3
+                    spell.waited.as_secs_f64() * 1e3
                 ));
             }
             Ok(spell) => spells.push(spell),

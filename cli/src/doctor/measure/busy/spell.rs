@@ -5,6 +5,7 @@ use super::{AFTER, BUSY, HARD, NETWORK, SIGNAL, SOFT, Spell};
 use luna::{Instant, Policy, now};
 use luna_platform::clock::nanos;
 use luna_platform::futex::Futex;
+use luna_platform::usage::processor_time;
 use nix::sys::pthread::{Pthread, pthread_kill, pthread_self};
 use nix::sys::signal::{SigSet, Signal};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
@@ -18,6 +19,10 @@ use std::time::Duration;
 
 /// A harmless one, which only the busy thread gets.
 const HARMLESS: Signal = Signal::SIGUSR2;
+/// How often it looks what has come at least, also where a host takes the core away meanwhile.
+const LOOKS: u32 = 500;
+/// For that often.
+const LONGEST: Duration = Duration::from_millis(500);
 /// For the busy thread to begin.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -30,6 +35,8 @@ struct Shared {
     /// When the thread above woke by its timer, and when it sent the signal.
     woke: AtomicU64,
     signalled: AtomicU64,
+    /// When the busy thread was so no longer.
+    ended: AtomicU64,
 }
 
 /// What is sent to the busy thread, ready before it is busy.
@@ -64,8 +71,9 @@ pub(in super::super) fn run(core: usize) -> Result<Spell, String> {
     let mut spell = threads::end(busy)??;
     let began = shared.began.load(Ordering::Relaxed);
     let woke = shared.woke.load(Ordering::Relaxed);
-    let late = woke.saturating_sub(began + nanos(AFTER));
-    spell.late[HARD] = (woke < began + nanos(BUSY)).then(|| Duration::from_nanos(late));
+    let late = Duration::from_nanos(woke.saturating_sub(began + nanos(AFTER)));
+    let ended = shared.ended.load(Ordering::Relaxed);
+    spell.late[HARD] = (woke < ended).then_some(late);
     Ok(Spell {
         how,
         has_policy,
@@ -148,14 +156,18 @@ fn be_busy(shared: &Shared, ways: &Ways, begun: &Futex) -> Result<Spell, String>
     armed.map_err(failed("arm a timerfd"))?;
     let mut sent = None;
     let mut spell = Spell::default();
-    let mut last = now();
+    let mut looks = 0;
+    let (from, before) = (now(), processor_time());
     loop {
         let time = now();
-        spell.longest_gap = spell.longest_gap.max(time - last);
-        last = time;
-        if time >= end {
+        if time >= end && (looks >= LOOKS || time >= end + LONGEST) {
+            shared.ended.store(time.as_nanos(), Ordering::Relaxed);
+            let took = before.zip(processor_time());
+            let took = took.map(|(before, after)| after.saturating_sub(before));
+            spell.waited = took.map_or(Duration::ZERO, |took| (time - from).saturating_sub(took));
             return Ok(spell);
         }
+        looks += u32::from(time >= due);
         if sent.is_none() && time >= due {
             sent = Some(now());
             ways.socket
