@@ -60,10 +60,8 @@ pub(in super::super) fn run(core: usize) -> Result<Spell, String> {
         begin(&own, &begun);
         outcome
     });
-    let busy = match busy {
-        Ok(busy) => busy,
-        Err(why) => return Err(why), // the other thread gives up by itself
-    };
+    // If it was refused, the other thread gives up by itself.
+    let busy = busy?;
     let how = threads::how(busy.obtained());
     let has_policy = matches!(busy.obtained().policy, Policy::Fifo(_))
         && matches!(above.obtained().policy, Policy::Fifo(_));
