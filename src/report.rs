@@ -40,6 +40,7 @@ pub use crate::time::statistics::LoopReport;
 pub use luna_logger::EventsReport;
 #[cfg(feature = "logger")]
 pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
+pub use luna_platform::facts::RealTimeShare;
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::usage::ThreadUsage;
 
@@ -170,6 +171,10 @@ pub struct ThreadReport {
     /// sleep and to wake it. `None` where the system does not count it, on a virtual clock, and for
     /// a detached thread.
     pub processor_time: Option<Duration>,
+    /// How much of its core real-time threads may have, if this one has used that up, to within 2 %
+    /// of the run: then it stood still until the kernel's period was over. `None` in a run that is
+    /// shorter than a period, and where the kernel does not say.
+    pub limit: Option<RealTimeShare>,
 }
 
 /// A process.
@@ -351,6 +356,15 @@ impl fmt::Display for Report {
                 "  {:<16} {}, {core}{abandoned}",
                 thread.name, thread.policy
             )?;
+            if let (Some(limit), Some(time)) = (&thread.limit, thread.processor_time) {
+                let percent = 100.0 * time.as_secs_f64() / self.really_elapsed.as_secs_f64();
+                writeln!(
+                    f,
+                    "  {} had {core} for {percent:.1} % of the run. Real-time threads may have {limit}, \
+                     then they stand still: docs/realtime.md#throttling",
+                    thread.name
+                )?;
+            }
         }
         if let Some(deployment) = &self.deployment {
             writeln!(f, "  {}", deployment.to_string().replace('\n', "\n  "))?;

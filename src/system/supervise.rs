@@ -9,7 +9,7 @@ use super::plan::{Phase, Plan, Running};
 use super::quiescence::Lookout;
 use super::reaper::{Reaper, wait_until};
 use super::stolen::{Stolen, Window};
-use super::system_threads::SystemThreads;
+use super::system_threads::{SystemThreads, note_limits};
 use super::warnings::{Warnings, announce_shortfalls};
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
@@ -20,6 +20,7 @@ use crate::time::ManagerThread;
 use luna_core::current;
 use luna_core::events::code;
 use luna_platform::clock::{Clock, Instant, nanos};
+use luna_platform::facts::Source;
 use luna_platform::signals::HeldBack;
 use luna_platform::thread::{HandlerStack, Obtained, above_users};
 use std::collections::VecDeque;
@@ -151,7 +152,8 @@ fn end(
         running: &running,
         errors: None,
     };
-    let threads = system_threads.end(|deadline, done| wait_until(&reaper, deadline, done));
+    let mut threads = system_threads.end(|deadline, done| wait_until(&reaper, deadline, done));
+    note_limits(&mut threads, &Source::machine(), really_elapsed);
     reaper.reap();
     // A detached thread may have ended since.
     plan.members().started.note_last_ends(common);

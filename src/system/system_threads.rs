@@ -6,6 +6,7 @@ use crate::report::ThreadReport;
 use crate::safety::Cause;
 use luna_executors::{Executor, Simulation};
 use luna_platform::clock::Instant;
+use luna_platform::facts::{RealTimeShare, Source};
 use luna_platform::thread::{Obtained, Policy};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -131,6 +132,20 @@ fn thread_report(
             .unwrap_or_default(),
         abandoned,
         processor_time,
+        limit: None,
+    }
+}
+
+/// Notes the kernel's limit with the real-time threads that came to it.
+pub(super) fn note_limits(threads: &mut [ThreadReport], source: &Source, elapsed: Duration) {
+    for thread in threads {
+        let is_limited = matches!(thread.policy, Policy::Fifo(_) | Policy::RoundRobin(_));
+        let (true, Some(core), Some(time)) = (is_limited, thread.core, thread.processor_time)
+        else {
+            continue;
+        };
+        let limit = RealTimeShare::read(source, core).ok().flatten();
+        thread.limit = limit.filter(|limit| limit.is_reached(time, elapsed));
     }
 }
 

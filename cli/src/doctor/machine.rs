@@ -114,10 +114,8 @@ impl Machine {
 
     /// The kernel's version: its first two numbers.
     pub(crate) fn kernel_version(&self) -> Result<(u32, u32), Unread> {
-        self.source.parse("/proc/sys/kernel/osrelease", |release| {
-            let mut numbers = release.trim().split(['.', '-', '+', '~']);
-            Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
-        })
+        let file = "/proc/sys/kernel/osrelease";
+        self.source.parse(file, parse::kernel_version)
     }
 
     /// The cores other than the real-time one, as the kernel writes lists; for advice.

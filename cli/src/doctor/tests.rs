@@ -14,7 +14,7 @@ use std::fs;
 use std::path::PathBuf;
 
 /// Machines, each in one text: sections that begin with `=== `. Those with a path are files.
-const MACHINES: [(&str, &str); 5] = [
+const MACHINES: [(&str, &str); 6] = [
     ("tuned", include_str!("../../tests/machines/tuned.txt")),
     ("laptop", include_str!("../../tests/machines/laptop.txt")),
     ("virtual", include_str!("../../tests/machines/virtual.txt")),
@@ -23,6 +23,7 @@ const MACHINES: [(&str, &str); 5] = [
         include_str!("../../tests/machines/container.txt"),
     ),
     ("old", include_str!("../../tests/machines/old.txt")),
+    ("board", include_str!("../../tests/machines/board.txt")),
 ];
 
 /// One of the machines, unpacked into a folder, which is removed when this is dropped.
@@ -204,6 +205,16 @@ fn what_was_read_is_told() {
             "/proc/interrupts has an unknown form",
         ),
         ("tuned", "isolated-cores", "2-3"),
+        ("board", "model", "Raspberry Pi 4 Model B Rev 1.4"),
+        ("board", "governor", "ondemand, at 600 of 1800 MHz"),
+        ("board", "clock-source", "arch_sys_counter"),
+        ("board", "cache-line", "64 bytes"),
+        ("board", "hypervisor", "none"),
+        (
+            "board",
+            "irq-threads",
+            "irq/189-eth0 (SCHED_FIFO 50, PID 77)",
+        ),
     ] {
         let text = MACHINES.iter().find(|(one, _)| *one == machine);
         let unpacked = Unpacked::new("read", machine, text.expect("a machine").1);

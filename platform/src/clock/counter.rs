@@ -1,4 +1,5 @@
-//! The processor's time-stamp counter, where it can stand for a clock.
+//! The processor's time-stamp counter, where it can stand for a clock: that of x86-64, and the
+//! virtual counter of 64-bit Arm.
 
 use super::Instant;
 use crate::facts::Source;
@@ -31,7 +32,8 @@ impl Counter {
         IS_KEPT.get_or_init(is_kept).then_some(Counter(()))
     }
 
-    /// Its ticks. Real-time path: yes; 10 ns on the reference machine, no system call.
+    /// Its ticks: some 10^9 a second on x86-64, 10^7 to 10^9 on Arm. Real-time path: yes; 10 ns on
+    /// the reference machine (x86-64), no system call.
     #[inline(always)]
     pub fn read(self) -> u64 {
         #[cfg(target_arch = "x86_64")]
@@ -41,8 +43,38 @@ impl Counter {
             // which `is_kept` has found that it does.
             unsafe { core::arch::x86_64::_rdtsc() }
         }
-        #[cfg(not(target_arch = "x86_64"))]
+        #[cfg(target_arch = "aarch64")]
+        {
+            let ticks: u64;
+            // SAFETY: Linux opens the register to programs where it keeps time by it, which
+            // `is_kept` has found, or reads it for them. Reading it changes nothing. The barrier
+            // keeps the reading from being made before what stands before it.
+            unsafe {
+                core::arch::asm!("isb", "mrs {}, cntvct_el0", out(reg) ticks, options(nostack));
+            }
+            ticks
+        }
+        #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
         unreachable!("nothing is known of this processor's counter")
+    }
+
+    /// How many ticks it has a second, where the processor says so: on Arm. Real-time path: yes.
+    pub fn ticks_per_second(self) -> Option<u64> {
+        #[cfg(target_arch = "aarch64")]
+        {
+            let frequency: u64;
+            // SAFETY: as in `read`; this register is open wherever the counter is.
+            unsafe {
+                core::arch::asm!(
+                    "mrs {}, cntfrq_el0",
+                    out(reg) frequency,
+                    options(nomem, nostack, preserves_flags)
+                );
+            }
+            Some(frequency).filter(|frequency| *frequency > 0)
+        }
+        #[cfg(not(target_arch = "aarch64"))]
+        None
     }
 
     /// Ticks, and the instant on the machine's clock at which they were read, as closely as a few
@@ -66,12 +98,32 @@ fn is_kept() -> bool {
     // The kernel takes it only if it is invariant and the cores agree, and leaves it when they do
     // no longer.
     let source = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
-    cfg!(target_arch = "x86_64") && Source::machine().word(source).as_deref() == Ok("tsc")
+    KEPT_BY.is_some_and(|name| Source::machine().word(source).as_deref() == Ok(name))
 }
+
+/// The kernel's name for the clock that reads the counter of this processor.
+const KEPT_BY: Option<&str> = if cfg!(target_arch = "x86_64") {
+    Some("tsc")
+} else if cfg!(target_arch = "aarch64") {
+    Some("arch_sys_counter")
+} else {
+    None
+};
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_kernel_that_keeps_time_by_the_counter_offers_it() {
+        let source = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+        let clock = Source::machine().word(source).unwrap_or_default();
+        let is_known = matches!(
+            (std::env::consts::ARCH, &*clock),
+            ("x86_64", "tsc") | ("aarch64", "arch_sys_counter")
+        );
+        assert_eq!(Counter::of_machine().is_some(), is_known, "{clock}");
+    }
 
     #[test]
     fn the_counter_does_not_go_back_and_keeps_step() {
@@ -87,5 +139,11 @@ mod tests {
         }
         let (ticks, ended) = counter.beside_clock();
         assert!(ticks > first && ended > began);
+        if let Some(frequency) = counter.ticks_per_second() {
+            let seconds = (ended - began).as_secs_f64();
+            let measured = (ticks - first) as f64 / seconds;
+            let ratio = measured / frequency as f64;
+            assert!((0.9..1.1).contains(&ratio), "{measured} and {frequency} Hz");
+        }
     }
 }

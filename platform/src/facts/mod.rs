@@ -5,9 +5,11 @@
 
 pub mod control_group;
 pub mod parse;
+mod share;
 mod source;
 pub mod task;
 
+pub use share::RealTimeShare;
 pub use source::{Source, Unread, UnreadReason};
 
 use crate::backend::facts as backend;

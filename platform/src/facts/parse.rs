@@ -57,6 +57,16 @@ pub fn write_core_list(cores: &[usize]) -> String {
     parts.collect::<Vec<_>>().join(",")
 }
 
+/// The kernel's version, from `/proc/sys/kernel/osrelease`: its first two numbers.
+///
+/// ```
+/// assert_eq!(luna_platform::facts::parse::kernel_version("6.1.0-56-rt-amd64"), Some((6, 1)));
+/// ```
+pub fn kernel_version(release: &str) -> Option<(u32, u32)> {
+    let mut numbers = release.trim().split(['.', '-', '+', '~']);
+    Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
+}
+
 /// The preemption model that the kernel was built with, from its version line (`uname -v`).
 ///
 /// Since Linux 5.12 a kernel can choose when it boots: then this is [`PreemptionModel::Dynamic`],

@@ -3,6 +3,7 @@
 use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
+use luna_platform::clock::Counter;
 use luna_platform::facts::Unread;
 
 pub(super) const CHECKS: &[Check] = &[
@@ -23,12 +24,11 @@ pub(super) const CHECKS: &[Check] = &[
 fn source(machine: &Machine) -> Result<Seen, Unread> {
     let from = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
     let clock = machine.source.word(from)?;
-    let slow = "boot with clocksource=tsc tsc=reliable if the processor has an invariant TSC (`grep nonstop_tsc /proc/cpuinfo`); \
-                `dmesg | grep -i clocksource` says why the kernel left it";
+    let slow = "boot with clocksource=tsc tsc=reliable if the processor has an invariant TSC (`grep nonstop_tsc /proc/cpuinfo`), on Arm \
+                with clocksource=arch_sys_counter; `dmesg | grep -i clocksource` says why the kernel left it";
     Ok(match clock.as_str() {
-        "tsc" | "arch_sys_counter" | "riscv_clocksource" | "timebase" | "stp" => {
-            Seen::good(clock, from)
-        }
+        "arch_sys_counter" => Seen::good(clock + &frequency(machine), from),
+        "tsc" | "riscv_clocksource" | "timebase" | "stp" => Seen::good(clock, from),
         "kvm-clock" | "hyperv_clocksource_tsc_page" | "xen" => Seen::better(
             format!("{clock}: the hypervisor's, scaled with each reading"),
             from,
@@ -44,6 +44,17 @@ fn source(machine: &Machine) -> Result<Seen, Unread> {
             from,
             "see under `clock-read` what reading it costs: more than 100 ns is too much",
         ),
+    })
+}
+
+/// That of this machine's counter, where it says so: no file has it.
+fn frequency(machine: &Machine) -> String {
+    let counter = machine.source.is_machine().then(Counter::of_machine);
+    let frequency = counter.flatten().and_then(Counter::ticks_per_second);
+    frequency.map_or_else(String::new, |frequency| {
+        let frequency = frequency as f64;
+        let tick = 1e9 / frequency;
+        format!(", {:.1} MHz: {tick:.1} ns a tick", frequency / 1e6)
     })
 }
 

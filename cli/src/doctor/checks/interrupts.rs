@@ -7,6 +7,7 @@ use crate::doctor::facts::task::scheduling;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna_platform::facts::parse::{core_list, write_core_list};
+use luna_platform::facts::task::field;
 use luna_platform::facts::{PreemptionModel, Unread, UnreadReason};
 
 pub(super) const CHECKS: &[Check] = &[
@@ -137,10 +138,16 @@ fn irqbalance(machine: &Machine) -> Result<Seen, Unread> {
 
 fn threads(machine: &Machine) -> Result<Seen, Unread> {
     if PreemptionModel::read(&machine.source)? == PreemptionModel::RealTime {
-        return Ok(Seen::good(
-            "all handlers are threads (PREEMPT_RT)",
-            "/proc/sys/kernel/version",
-        ));
+        let here = threads_on_core(machine);
+        let read = match here.is_empty() {
+            true => "all handlers are threads (PREEMPT_RT)".to_owned(),
+            false => format!(
+                "all handlers are threads (PREEMPT_RT). On core {}, below executors of a higher priority: {}",
+                machine.core,
+                here.join(", ")
+            ),
+        };
+        return Ok(Seen::good(read, "/proc/sys/kernel/version"));
     }
     let from = "/proc/cmdline";
     Ok(
@@ -153,6 +160,25 @@ fn threads(machine: &Machine) -> Result<Seen, Unread> {
             ),
         },
     )
+}
+
+/// The handlers that may run on the real-time core: name, priority and number of each.
+fn threads_on_core(machine: &Machine) -> Vec<String> {
+    let source = &machine.source;
+    let numbers = source.list("/proc").unwrap_or_default();
+    let handlers = numbers.iter().filter_map(|number| {
+        let name = source.word(&format!("/proc/{number}/comm")).ok()?;
+        let name = name.strip_prefix("irq/")?;
+        let status = format!("/proc/{number}/status");
+        let cores = |text: &str| core_list(field(text, "Cpus_allowed_list")?);
+        let cores = source.parse(&status, cores).ok()?;
+        let stat = format!("/proc/{number}/stat");
+        let priority = source.parse(&stat, scheduling).ok()?;
+        let priority = priority.own_real_time_priority;
+        let here = cores.contains(&machine.core);
+        here.then(|| format!("irq/{name} (SCHED_FIFO {priority}, PID {number})"))
+    });
+    handlers.take(NAMED).collect()
 }
 
 fn ksoftirqd(machine: &Machine) -> Result<Seen, Unread> {

@@ -53,7 +53,7 @@ fn version(machine: &Machine) -> Result<Seen, Unread> {
 
 fn preemption(machine: &Machine) -> Result<Seen, Unread> {
     let (model, from) = effective_preemption(machine)?;
-    let install = "install a PREEMPT_RT kernel (Debian: `apt install linux-image-rt-amd64`; Ubuntu: `pro enable realtime-kernel`; \
+    let install = "install a PREEMPT_RT kernel (Debian: `apt install linux-image-rt-amd64`, on Arm `linux-image-rt-arm64`; Ubuntu: `pro enable realtime-kernel`; \
                    your own: CONFIG_PREEMPT_RT=y)";
     let is_of_the_boot = from.contains("config") || from == "/proc/cmdline";
     let since = match is_of_the_boot {

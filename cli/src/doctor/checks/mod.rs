@@ -1,6 +1,7 @@
 //! What is looked at in the machine's files. One file a subject, each with its list; a new finding
 //! is one entry there.
 
+mod board;
 mod clock;
 mod cores;
 mod interrupts;
@@ -22,6 +23,7 @@ use luna_platform::facts::Unread;
 /// All of them, in the order in which they are shown.
 pub(crate) fn all() -> impl Iterator<Item = &'static Check> {
     [
+        board::CHECKS,
         kernel::CHECKS,
         permissions::CHECKS,
         throttling::CHECKS,

@@ -45,14 +45,28 @@ fn governor(machine: &Machine) -> Result<Seen, Unread> {
         machine.core
     );
     let governor = machine.source.word(&from)?;
+    let read = format!("{governor}{}", frequency(machine));
     Ok(match governor.as_str() {
-        "performance" => Seen::good(governor, from),
+        "performance" => Seen::good(read, from),
         _ => Seen::better(
-            governor,
+            read,
             from,
             "`cpupower frequency-set -g performance` (and cpufreq.default_governor=performance when it boots)",
         ),
     })
+}
+
+/// The core's frequency, and its highest, where both can be read.
+fn frequency(machine: &Machine) -> String {
+    let folder = format!("/sys/devices/system/cpu/cpu{}/cpufreq", machine.core);
+    let mhz = |file: &str| {
+        let khz = machine.source.parse(&format!("{folder}/{file}"), number);
+        khz.ok().map(|khz| khz / 1000)
+    };
+    match (mhz("scaling_cur_freq"), mhz("cpuinfo_max_freq")) {
+        (Some(now), Some(highest)) => format!(", at {now} of {highest} MHz"),
+        _ => String::new(),
+    }
 }
 
 fn turbo(machine: &Machine) -> Result<Seen, Unread> {

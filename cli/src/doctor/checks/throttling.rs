@@ -58,6 +58,15 @@ fn throttling(machine: &Machine) -> Result<Seen, Unread> {
         ));
     };
     let read = format!("{runtime} of each {period_us} us");
+    let is_without_groups = || {
+        let option = machine.option("CONFIG_RT_GROUP_SCHED");
+        option.is_ok_and(|(value, _)| value != "y")
+    };
+    if machine.kernel_version().unwrap_or_default() >= (6, 12) && is_without_groups() {
+        let read =
+            format!("{read}, which since Linux 6.12 limits no such thread: see `fair-server`");
+        return Ok(Seen::good(read, from));
+    }
     let off = "sysctl -w kernel.sched_rt_runtime_us=-1";
     Ok(match runtime {
         0 => Seen::bad(read, from, format!("`{off}`, or at least 950000")),

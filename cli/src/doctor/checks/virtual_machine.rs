@@ -54,6 +54,21 @@ fn hypervisor_name(machine: &Machine) -> Option<String> {
     if let Ok(kind) = source.word("/sys/hypervisor/type") {
         return Some(kind);
     }
+    // On Arm the device tree says it: a guest of KVM or Xen, QEMU's board.
+    let tree = ["hypervisor/compatible", "compatible"].map(|name| {
+        source
+            .read(&format!("/proc/device-tree/{name}"))
+            .unwrap_or_default()
+    });
+    let tree = tree.join(" ");
+    let signs = [
+        ("xen", "Xen"),
+        ("linux,kvm", "KVM"),
+        ("linux,dummy-virt", "KVM or QEMU"),
+    ];
+    if let Some((_, name)) = signs.iter().find(|(sign, _)| tree.contains(sign)) {
+        return Some((*name).to_owned());
+    }
     let firmware = ["sys_vendor", "product_name", "bios_vendor"].map(|name| {
         source
             .word(&format!("/sys/class/dmi/id/{name}"))

@@ -1,6 +1,7 @@
 //! The measurements: each for a bounded time, under SCHED_FIFO where that is allowed.
 
 mod across;
+mod busy;
 mod costs;
 mod lock;
 mod threads;
@@ -74,6 +75,9 @@ pub(crate) fn all(machine: &Machine, each: Duration) -> Vec<Finding> {
     let mut findings = wake_up::on_each(&cores, each);
     findings.extend(across::between(&cores, each));
     findings.push(lock::under_contention(&cores, each));
+    // Before the measurements that are busy for longer, which use up the share of real-time
+    // threads.
+    findings.extend(busy::on(machine));
     findings.push(costs::clock_read(each));
     findings.push(costs::system_call(each));
     findings

@@ -8,7 +8,11 @@ use super::Selector;
 pub(crate) unsafe fn arm(_: &Selector) {}
 
 pub(crate) fn availability() -> Result<(), String> {
-    Err("it needs Linux on x86-64".to_owned())
+    Err(format!(
+        "system calls, sleeps, and locks other than LUNA's are not watched on {} {}: it needs Linux on x86-64",
+        std::env::consts::ARCH,
+        std::env::consts::OS
+    ))
 }
 
 pub(crate) fn probe() {}
