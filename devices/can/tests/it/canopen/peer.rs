@@ -13,7 +13,7 @@ use luna_can::canopen::{
     Transmission,
 };
 use luna_can::{Event, Frame};
-use std::io::{BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -111,7 +111,7 @@ fn bridge(bench: &mut Bench, mut stream: TcpStream) -> Receiver<()> {
 }
 
 /// The next command of the client, without its brackets; none when it has hung up.
-fn command(input: &mut impl Read) -> Option<String> {
+fn command(input: &mut impl BufRead) -> Option<String> {
     let mut text = String::new();
     for byte in input.bytes() {
         match char::from(byte.ok()?) {
