@@ -47,7 +47,7 @@ fn broken_messages_end_no_channel_that_waits_and_are_counted() {
     let _watchdog = watchdog();
     let address = address();
     // A busy machine is no reason to lose a partner.
-    let config = Config::loopback().lost_after(Duration::from_secs(20));
+    let config = Config::loopback().lost_after(Duration::from_secs(8));
     let here = Network::open(&config.clone().listen(&address)).unwrap();
     let (sender, link) = here.sender::<u64>("test/broken").unwrap();
     let status = link.status();
