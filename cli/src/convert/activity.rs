@@ -2,9 +2,9 @@
 //! what each executor runs.
 
 use super::perfetto::{INSTANT, PROCESS, THREADS, track};
-use super::protobuf::Message;
 use crate::failure::Failure;
 use luna_core::events::code;
+use luna_logger::format::protobuf::Message;
 use luna_logger::format::{Event, Names, Subject, Words};
 use std::collections::{HashMap, HashSet};
 

@@ -1,7 +1,7 @@
 //! MCAP, for Foxglove, Lichtblick and PlotJuggler: a topic for each signal, messages as Foxglove's
 //! `Log`, events and losses as topics of their own.
 //!
-//! Messages are JSON with a schema, which all of them read. Times are those of the day where the
+//! Samples are Protocol Buffers, all else is JSON, each with its schema, which all of them read. Times are those of the day where the
 //! recording has them, else those of its clock. The file is compressed by lz4.
 
 use super::recording::each;
@@ -9,7 +9,7 @@ use super::selection::Filter;
 use super::{Converted, create};
 use crate::failure::{self, Failure};
 use luna_logger::format::json::{self, Topic};
-use luna_logger::format::{Level, Losing, Names, Record};
+use luna_logger::format::{Level, Losing, Names, Record, protobuf};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 use serde_json::json;
@@ -46,8 +46,6 @@ struct Mcap {
     offset: i128,
     has_epoch: bool,
     last: u64,
-    /// Room for a sample.
-    text: Vec<u8>,
 }
 
 struct Channel {
@@ -69,18 +67,21 @@ impl Mcap {
             offset: 0,
             has_epoch: false,
             last: 0,
-            text: Vec::new(),
         })
     }
 
     fn channel(&mut self, topic: &Topic) -> mcap::McapResult<Channel> {
-        let schema = topic.schema.as_bytes();
+        let Topic {
+            schema, encoding, ..
+        } = topic;
+        let of_schema = encoding.of_schema();
         let schema = self
             .writer
-            .add_schema(&topic.schema_name, "jsonschema", schema)?;
+            .add_schema(&topic.schema_name, of_schema, schema)?;
+        let of_messages = encoding.of_messages();
         let id = self
             .writer
-            .add_channel(schema, &topic.name, "json", &topic.metadata)?;
+            .add_channel(schema, &topic.name, of_messages, &topic.metadata)?;
         Ok(Channel {
             id,
             name: topic.name.clone(),
@@ -114,8 +115,8 @@ impl Mcap {
                 let Some(channel) = self.signals.get_mut(&signal) else {
                     return Ok(());
                 };
-                json::sample(&mut self.text, values);
-                put(&mut self.writer, channel, time, &self.text)
+                let message = protobuf::sample(values);
+                put(&mut self.writer, channel, time, message.as_bytes())
             }
             Record::Message {
                 thread,

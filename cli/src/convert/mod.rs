@@ -10,7 +10,6 @@ mod csv;
 #[cfg(feature = "mcap")]
 mod mcap;
 mod perfetto;
-mod protobuf;
 mod recording;
 mod selection;
 

@@ -7,12 +7,12 @@
 
 use super::activity::Activity;
 use super::clocks::shifted;
-use super::protobuf::Message;
 use super::recording::each;
 use super::selection::Filter;
 use super::{Converted, create};
 use crate::failure::{self, Failure};
 use flate2::{Compression, write::GzEncoder};
+use luna_logger::format::protobuf::Message;
 use luna_logger::format::{Event, Names, Record, SignalInfo, Value};
 use std::collections::HashSet;
 use std::io::Write;

@@ -4,6 +4,9 @@ mod containers;
 mod csv;
 mod damage;
 mod events;
+mod not_finite;
+#[cfg(feature = "mcap")]
+mod samples;
 
 use crate::run::{luna, path, text};
 use luna_logger::Level;
@@ -197,15 +200,28 @@ fn recording_of_events(test: &str) -> (PathBuf, PathBuf) {
 
 /// What the schema finds in a trace, if there is one.
 pub(crate) fn read_trace(trace: &Path) -> Option<String> {
+    read_by_python("read_trace.py", trace)
+}
+
+/// The samples in an MCAP file, as Python's packages `mcap` and `mcap-protobuf-support` read it.
+#[cfg(feature = "mcap")]
+fn read_mcap(file: &Path) -> Option<String> {
+    read_by_python("read_mcap.py", file)
+}
+
+/// What one of these scripts prints of a file. `.ci/run` makes a Python that has their packages.
+fn read_by_python(script: &str, file: &Path) -> Option<String> {
     let Some(python) = std::env::var_os("LUNA_PERFETTO_PYTHON") else {
         eprintln!(
-            "skipped: the trace's schema: set LUNA_PERFETTO_PYTHON to a Python with the package `perfetto`"
+            "skipped: {script}: set LUNA_PERFETTO_PYTHON to a Python with the packages `perfetto`, `mcap` and `mcap-protobuf-support`"
         );
         return None;
     };
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/read_trace.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests")
+        .join(script);
     let read = Command::new(python)
-        .args([script, path(trace)])
+        .args([path(&script), path(file)])
         .output()
         .unwrap();
     assert!(read.status.success(), "{}", text(&read.stderr));

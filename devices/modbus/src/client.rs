@@ -35,12 +35,27 @@ pub fn client(
         device: Some(server.clone()),
         period,
         unit: 1,
+        answers: AnswerUnit::Asked,
         timeout: Duration::from_secs(1),
         reconnect: Reconnect::default(),
         points: Points::default(),
         events: Some(events.external()),
         counts: Counts::default(),
     })
+}
+
+/// Which unit the answers of a server name. The protocol has it be the one that was asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
+pub enum AnswerUnit {
+    /// The one that was asked.
+    #[default]
+    Asked,
+    /// This one, whichever was asked: a gateway that answers as itself, or a device that takes 255
+    /// and answers as 0 or 1.
+    Is(u8),
+    /// Any. The transaction's number alone says that it is the answer.
+    Any,
 }
 
 /// A client, to be spawned: see [`client`].
@@ -60,6 +75,7 @@ pub struct Client {
     device: Option<Device<ModbusServer>>,
     period: Duration,
     unit: u8,
+    answers: AnswerUnit,
     timeout: Duration,
     reconnect: Reconnect,
     points: Points,
@@ -69,8 +85,16 @@ pub struct Client {
 
 impl Client {
     /// The unit behind the address, for gateways; 1 if not stated. Servers without units ignore it.
+    /// For a server that is itself the device the protocol recommends 255, and 0 is used too.
     pub fn unit(mut self, unit: u8) -> Self {
         self.unit = unit;
+        self
+    }
+
+    /// Which unit the answers name; [`AnswerUnit::Asked`] if not stated. An answer of another one
+    /// closes the connection with [`Garbage::Unit`](crate::Garbage::Unit).
+    pub fn answer_unit(mut self, answers: AnswerUnit) -> Self {
+        self.answers = answers;
         self
     }
 
@@ -187,7 +211,8 @@ impl Process for Client {
         points.arrange();
         let connector = Connector::new(device.address(), self.reconnect);
         let counts = self.counts.clone();
-        let mut exchange = Exchange::new(connector, self.unit, self.timeout, events, counts);
+        let units = (self.unit, self.answers);
+        let mut exchange = Exchange::new(connector, units, self.timeout, events, counts);
         exchange.go_on(&mut points, self.period, &device).await
     }
 

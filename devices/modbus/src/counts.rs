@@ -59,6 +59,9 @@ counters! {
     timeouts, add_timeout;
     /// Answers that make no sense.
     garbage, add_garbage;
+    /// Answers to another request than the one that waits: a gateway may double them. They are
+    /// discarded, and change nothing else.
+    strays, add_stray;
     /// Connections made.
     connections, add_connection;
 }

@@ -149,11 +149,8 @@ pub enum Garbage {
     /// The header is of no Modbus frame, or its length is impossible.
     #[error("its header is none of Modbus")]
     Header,
-    /// The transaction is another one.
-    #[error("it belongs to another request")]
-    Transaction,
-    /// The unit is another one.
-    #[error("it comes from another unit")]
+    /// The unit is another one than [`AnswerUnit`](crate::AnswerUnit) says.
+    #[error("it comes from another unit: if the server is to answer so, state it by `answer_unit`")]
     Unit,
     /// The function is another one.
     #[error("it is of another function")]

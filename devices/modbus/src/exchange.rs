@@ -4,7 +4,7 @@ use crate::connection::Connection;
 use crate::frame::Frame;
 use crate::point::Place;
 use crate::points::{Points, Taken};
-use crate::{Counts, Event, ModbusServer, RequestError};
+use crate::{AnswerUnit, Counts, Event, ModbusServer, RequestError};
 use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Error, Sender};
@@ -37,7 +37,7 @@ struct Broken;
 impl Exchange {
     pub(crate) fn new(
         connector: Connector,
-        unit: u8,
+        (unit, answers): (u8, AnswerUnit),
         timeout: Duration,
         events: Sender<Event>,
         counts: Counts,
@@ -45,7 +45,7 @@ impl Exchange {
         Self {
             connection: None,
             connector,
-            frame: Frame::new(unit),
+            frame: Frame::new(unit, answers),
             values: Vec::new(),
             timeout,
             events,
@@ -219,7 +219,7 @@ impl Exchange {
         let Some(connection) = &mut self.connection else {
             return Err(RequestError::NotConnected { request });
         };
-        let asked = connection.exchange(&self.frame, self.timeout, &mut self.values);
+        let asked = connection.exchange(&self.frame, self.timeout, &mut self.values, &self.counts);
         let answered = asked.await;
         match &answered {
             Ok(()) => self.connector.useful(),

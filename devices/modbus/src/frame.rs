@@ -2,7 +2,7 @@
 //! is checked here.
 
 use crate::point::Place;
-use crate::{Code, Garbage, Request, Table};
+use crate::{AnswerUnit, Code, Garbage, Request, Table};
 use rmodbus::client::ModbusRequest;
 use rmodbus::{ErrorKind, ModbusProto, guess_response_frame_len};
 
@@ -15,6 +15,7 @@ pub(crate) struct Frame {
     pub(crate) about: Request,
     pub(crate) bytes: Vec<u8>,
     request: ModbusRequest,
+    answers: AnswerUnit,
 }
 
 /// What an answer says.
@@ -25,7 +26,7 @@ pub(crate) enum Answer {
 }
 
 impl Frame {
-    pub(crate) fn new(unit: u8) -> Self {
+    pub(crate) fn new(unit: u8, answers: AnswerUnit) -> Self {
         Self {
             about: Request {
                 function: 0,
@@ -39,6 +40,7 @@ impl Frame {
                 tr_id: 0,
                 ..ModbusRequest::new(unit, ModbusProto::TcpUdp)
             },
+            answers,
         }
     }
 
@@ -88,17 +90,30 @@ impl Frame {
         }
     }
 
-    /// Judges a complete answer, and appends the values of a read to `values`.
-    pub(crate) fn judge(&self, answer: &[u8], values: &mut Vec<u16>) -> Result<Answer, Garbage> {
+    /// Whether the answer with this header is for this request. One with the transaction of none
+    /// that waits is to be discarded.
+    pub(crate) fn is_answered_by(&self, header: &[u8]) -> bool {
+        header[..2] == self.bytes[..2]
+    }
+
+    /// Judges a complete answer to this request, and appends the values of a read to `values`.
+    pub(crate) fn judge(
+        &self,
+        answer: &mut [u8],
+        values: &mut Vec<u16>,
+    ) -> Result<Answer, Garbage> {
         if answer.len() < HEADER + 3 {
             return Err(Garbage::Header);
         }
-        if answer[..2] != self.bytes[..2] {
-            return Err(Garbage::Transaction);
+        let asked = self.request.unit_id;
+        match self.answers {
+            AnswerUnit::Asked if answer[6] == asked => {}
+            AnswerUnit::Is(unit) if answer[6] == unit => {}
+            AnswerUnit::Any => {}
+            _ => return Err(Garbage::Unit),
         }
-        if answer[6] != self.request.unit_id {
-            return Err(Garbage::Unit);
-        }
+        // For what follows it is that of the request.
+        answer[6] = asked;
         let function = self.about.function;
         if answer[7] == function | 0x80 {
             return match answer.len() {
@@ -156,14 +171,14 @@ mod tests {
     }
 
     fn asked(place: Place) -> Frame {
-        let mut frame = Frame::new(7);
+        let mut frame = Frame::new(7, AnswerUnit::Asked);
         frame.read(place).unwrap();
         frame
     }
 
     #[test]
     fn a_request_is_as_the_protocol_says() {
-        let mut frame = Frame::new(7);
+        let mut frame = Frame::new(7, AnswerUnit::Asked);
         frame.read(place(Table::Holding, 0x6B, 3)).unwrap();
         assert_eq!(frame.bytes, [0, 1, 0, 0, 0, 6, 7, 3, 0, 0x6B, 0, 3]);
         frame.write(place(Table::Coil, 0xAC, 1), [1, 0]).unwrap();
@@ -181,14 +196,14 @@ mod tests {
     fn each_kind_of_garbage_is_named() {
         let frame = asked(place(Table::Input, 8, 1));
         let good = [0, 1, 0, 0, 0, 5, 7, 4, 2, 0, 10];
-        let judge = |answer: &[u8]| frame.judge(answer, &mut Vec::new());
+        let judge = |answer: &[u8]| frame.judge(&mut answer.to_vec(), &mut Vec::new());
         assert_eq!(judge(&good), Ok(Answer::Good));
         let changed = |at: usize, to: u8| {
             let mut answer = good;
             answer[at] = to;
             judge(&answer)
         };
-        assert_eq!(changed(1, 2), Err(Garbage::Transaction));
+        assert!(frame.is_answered_by(&good) && !frame.is_answered_by(&[0, 2, 0, 0, 0, 5]));
         assert_eq!(changed(6, 8), Err(Garbage::Unit));
         assert_eq!(changed(7, 3), Err(Garbage::Function));
         assert_eq!(changed(8, 4), Err(Garbage::Length));
@@ -201,12 +216,39 @@ mod tests {
         assert_eq!(Frame::answer_len(&[0, 1, 0, 0, 0, 2]), Err(Garbage::Header));
         assert_eq!(Frame::answer_len(&[0, 1, 0, 0, 1, 2]), Err(Garbage::Header));
         assert_eq!(Frame::answer_len(&[0, 1, 0, 0, 0, 5]), Ok(11));
-        let mut write = Frame::new(7);
+        let mut write = Frame::new(7, AnswerUnit::Asked);
         write.write(place(Table::Holding, 1, 1), [3, 0]).unwrap();
         let mut echo = write.bytes.clone();
-        assert_eq!(write.judge(&echo, &mut Vec::new()), Ok(Answer::Good));
+        assert_eq!(write.judge(&mut echo, &mut Vec::new()), Ok(Answer::Good));
         echo[11] = 4;
-        assert_eq!(write.judge(&echo, &mut Vec::new()), Err(Garbage::Echo));
+        assert_eq!(write.judge(&mut echo, &mut Vec::new()), Err(Garbage::Echo));
+    }
+
+    #[test]
+    fn the_unit_of_an_answer_is_what_was_said() {
+        for (answers, taken) in [
+            (AnswerUnit::Asked, [false, true, false]),
+            (AnswerUnit::Is(0), [true, false, false]),
+            (AnswerUnit::Is(255), [false, false, true]),
+            (AnswerUnit::Any, [true; 3]),
+        ] {
+            for (unit, is_taken) in [0, 7, 255].into_iter().zip(taken) {
+                let mut frame = Frame::new(7, answers);
+                frame.read(place(Table::Input, 8, 1)).unwrap();
+                let mut values = Vec::new();
+                let mut answer = [0, 1, 0, 0, 0, 5, unit, 4, 2, 0, 10];
+                let judged = frame.judge(&mut answer, &mut values);
+                match is_taken {
+                    true => assert_eq!((judged, &*values), (Ok(Answer::Good), &[10][..])),
+                    false => assert_eq!(judged, Err(Garbage::Unit), "{answers:?} {unit}"),
+                }
+                frame.write(place(Table::Holding, 1, 1), [3, 0]).unwrap();
+                let mut echo = frame.bytes.clone();
+                echo[6] = unit;
+                let judged = frame.judge(&mut echo, &mut values);
+                assert_eq!(judged.is_ok(), is_taken, "{answers:?} {unit}");
+            }
+        }
     }
 
     proptest! {
@@ -225,11 +267,12 @@ mod tests {
                 answer[8] = (answer.len() - 9) as u8;
             }
             let mut values = Vec::new();
-            if frame.judge(&answer, &mut values) == Ok(Answer::Good) {
+            if frame.judge(&mut answer, &mut values) == Ok(Answer::Good) {
                 prop_assert_eq!(values.len(), usize::from(width));
             }
             if answer.len() >= HEADER {
                 let _ = Frame::answer_len(&answer[..HEADER]);
+                let _ = frame.is_answered_by(&answer[..HEADER]);
             }
         }
     }

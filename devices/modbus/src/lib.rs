@@ -46,6 +46,7 @@
 //! | the server answers a write by an exception | reports it with the value | `exceptions`, `write_failures` |
 //! | no answer in time | closes the connection, reports it, connects again | `timeouts` |
 //! | an answer makes no sense | the same | `garbage` |
+//! | an answer to another request | discards it, as the protocol says, and waits on | `strays` |
 //! | the server goes away | the same, with the pauses of `Reconnect` | `connections` |
 //! | the connection breaks in a write | reports the value, which may or may not be written; it is not repeated | `write_failures` |
 //! | the attempts are used up | the device is lost: an emergency, or what `on_loss` says | – |
@@ -57,7 +58,7 @@
 //! The frames are those of `rmodbus`, which is a protocol alone. `tokio-modbus` brings a runtime
 //! with threads and timers of its own, which LUNA's priorities, clock and stop do not reach.
 //!
-//! [`sim`] is a server for tests. No client has been run against a real device yet.
+//! [`sim`] is a server for tests. Clients run against pymodbus too; none has against a real device yet.
 
 #![cfg(target_os = "linux")]
 
@@ -72,7 +73,7 @@ mod point;
 mod points;
 pub mod sim;
 
-pub use client::{Client, client};
+pub use client::{AnswerUnit, Client, client};
 pub use counts::Counts;
 pub use device::{ModbusServer, open};
 pub use error::{Code, Event, Garbage, Request, RequestError, SetUpError};

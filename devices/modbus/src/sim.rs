@@ -1,7 +1,8 @@
 //! A simulated server on loopback, for tests and examples.
 //!
 //! It has 1 000 of each: coils, discrete inputs, input and holding registers; all are 0. It answers
-//! any unit. Its threads wait in system calls: it is no part of a system, and needs real time.
+//! any unit. Its functions are 1 to 6, 15 and 16; a request has at most 256 bytes, so 120 registers
+//! are written at once. Its threads wait in system calls: it is no part of a system, and needs real time.
 
 use crate::point::{Source, Value};
 use crate::{Code, Table};
@@ -36,6 +37,10 @@ pub enum Fault {
     Refuses(Code),
     /// It answers with these bytes.
     Garbage(Vec<u8>),
+    /// It sends these bytes before each answer.
+    Before(Vec<u8>),
+    /// It answers as this unit, whichever was asked.
+    Unit(u8),
     /// It hangs up when it is asked, before it does it.
     HangsUp,
 }
@@ -224,7 +229,11 @@ fn serve(mut stream: &TcpStream, shared: &Shared) -> io::Result<()> {
             return Ok(());
         }
         stream.read_exact(&mut request[6..len])?;
-        let (answer, fault) = {
+        // Of another protocol than Modbus: the standard has it discarded.
+        if request[2..4] != [0, 0] {
+            continue;
+        }
+        let (mut answer, fault) = {
             let mut state = shared.state();
             state.requests += 1;
             let fault = state.fault.clone();
@@ -241,6 +250,13 @@ fn serve(mut stream: &TcpStream, shared: &Shared) -> io::Result<()> {
                 stream.write_all(&answer)?;
             }
             Fault::Garbage(bytes) => stream.write_all(&bytes)?,
+            Fault::Before(bytes) => stream.write_all(&[bytes, answer].concat())?,
+            Fault::Unit(unit) => {
+                if let Some(of) = answer.get_mut(6) {
+                    *of = unit;
+                }
+                stream.write_all(&answer)?;
+            }
             _ => stream.write_all(&answer)?,
         }
     }
@@ -257,6 +273,10 @@ fn refusal(request: &[u8], code: Code) -> Vec<u8> {
 
 fn answer(request: &[u8], storage: &mut Storage) -> Vec<u8> {
     let (unit, function) = (request[6], request[7]);
+    // rmodbus looks at the length of a request before its function.
+    if !matches!(function, 1..=6 | 15 | 16) {
+        return refusal(request, Code::IllegalFunction);
+    }
     // rmodbus relies on the number of bytes that a write of several states.
     let follow = request.get(12).map_or(0, |count| usize::from(*count));
     if matches!(function, 15 | 16) && request.len() != 13 + follow {

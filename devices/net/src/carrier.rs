@@ -111,8 +111,11 @@ impl Shared {
         let bytes = sample.payload().to_bytes();
         let mut peering = self.peering();
         let events = match decode(&bytes) {
-            Some((head, body, values)) => peering.hear(head, body, values, now),
-            None => [peering.garbled(), None],
+            Ok((head, body, values)) => peering.hear(head, body, values, now),
+            Err(broken) => {
+                peering.drop_broken(broken);
+                [None, None]
+            }
         };
         let has_dues = peering.has_dues();
         drop(peering);

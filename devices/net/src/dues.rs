@@ -15,12 +15,12 @@ impl Peering {
             && let Some(partner) = &self.partner
         {
             let (pid, host) = (partner.peer.pid, partner.peer.host.clone());
-            return Some(encode(Head { from, to }, &Body::Busy { pid, host }));
+            return Some(encode(Head { from, to }, &Body::Busy { pid, host }, |_| ()));
         }
         let to = self.partner.as_ref().map_or(0, |partner| partner.number);
         let head = Head { from, to };
         if std::mem::take(&mut self.owes_hello) {
-            return Some(encode(head, &Body::Hello(self.hello())));
+            return Some(encode(head, &Body::Hello(self.hello()), |_| ()));
         }
         if self.partner.is_none() {
             // Nobody waits for these.
@@ -41,7 +41,7 @@ impl Peering {
                 sent: now_nanos(),
                 seen: self.clocks.seen_here(now),
             };
-            return Some(encode(head, &Body::Beat(beat)));
+            return Some(encode(head, &Body::Beat(beat), |_| ()));
         }
         if std::mem::take(&mut self.owes_end) {
             let there = self.partner.as_ref().and_then(|partner| partner.end);
@@ -52,7 +52,7 @@ impl Peering {
                 is_poisoned,
                 is_answer,
             };
-            return Some(encode(head, &end));
+            return Some(encode(head, &end, |_| ()));
         }
         None
     }
@@ -84,8 +84,7 @@ impl Peering {
             return None;
         }
         let first = outbox.next()?;
-        let mut message = encode(head, &Body::Values { first });
-        outbox.fill(&mut message);
-        Some(message)
+        let body = Body::Values { first };
+        Some(encode(head, &body, |message| outbox.fill(message)))
     }
 }

@@ -164,14 +164,6 @@ pub enum NetError {
         /// The other program.
         peer: Peer,
     },
-    /// The other program speaks another version of the protocol.
-    #[error(
-        "channel `{name}`: a message is not of this version of luna-net: build both programs with the same one"
-    )]
-    Protocol {
-        /// The channel.
-        name: String,
-    },
     /// The other program has ended without closing the channel, or cannot be reached any more.
     #[error(
         "channel `{name}`: the {role}, {peer}, is lost: {sign}; {acknowledged} values were acknowledged, and of {in_doubt} it is unknown whether they were taken: open the channel again for the next session"

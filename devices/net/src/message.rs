@@ -1,14 +1,17 @@
 //! What crosses the network.
 //!
 //! A message is [`MAGIC`], then [`Head`] and [`Body`] in postcard's format. Behind [`Body::Values`]
-//! come the values, each as: when it was sent, in 8 bytes; its length, in 4; its bytes.
+//! come the values, each as: when it was sent, in 8 bytes; its length, in 4; its bytes. The CRC-32
+//! of all that is the last 4 bytes: a damaged message cannot be taken for another one.
 
 use crate::Role;
 use luna::channel::ChannelEnd;
 use serde::{Deserialize, Serialize};
 
 /// Begins every message. Its last digit counts the versions of the protocol.
-pub(crate) const MAGIC: [u8; 8] = *b"lunanet3";
+pub(crate) const MAGIC: [u8; 8] = *b"lunanet4";
+/// How much of it is the same in all versions.
+const COMMON: usize = MAGIC.len() - 1;
 
 /// Sender and receiver of a message: by numbers that each opening of a side draws at random.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -61,17 +64,41 @@ pub(crate) struct Beat {
     pub(crate) seen: Option<i64>,
 }
 
-pub(crate) fn encode(head: Head, body: &Body) -> Vec<u8> {
+/// A whole message. `behind` adds what comes behind the body.
+pub(crate) fn encode(head: Head, body: &Body, behind: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let bytes = MAGIC.to_vec();
     // A vector takes whatever comes, and these types have no error of their own.
-    postcard::to_extend(&(head, body), bytes).unwrap_or_default()
+    let mut bytes = postcard::to_extend(&(head, body), bytes).unwrap_or_default();
+    behind(&mut bytes);
+    let checksum = crc32fast::hash(&bytes);
+    bytes.extend_from_slice(&checksum.to_le_bytes());
+    bytes
 }
 
-/// The message, and what is behind it; none if it is of another version of the protocol.
-pub(crate) fn decode(bytes: &[u8]) -> Option<(Head, Body, &[u8])> {
-    let rest = bytes.strip_prefix(&MAGIC)?;
-    let ((head, body), values) = postcard::take_from_bytes(rest).ok()?;
-    Some((head, body, values))
+/// Why bytes are no message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Broken {
+    /// They were not sent so, or not by this protocol.
+    Damaged,
+    /// They begin as those of another version of the protocol.
+    OtherVersion,
+}
+
+/// The message, and what is behind it.
+pub(crate) fn decode(bytes: &[u8]) -> Result<(Head, Body, &[u8]), Broken> {
+    let Some(_) = bytes.strip_prefix(&MAGIC) else {
+        return Err(match bytes.starts_with(&MAGIC[..COMMON]) {
+            true => Broken::OtherVersion,
+            false => Broken::Damaged,
+        });
+    };
+    let (whole, checksum) = bytes.split_last_chunk().ok_or(Broken::Damaged)?;
+    if crc32fast::hash(whole) != u32::from_le_bytes(*checksum) {
+        return Err(Broken::Damaged);
+    }
+    let rest = whole.get(MAGIC.len()..).ok_or(Broken::Damaged)?;
+    let ((head, body), values) = postcard::take_from_bytes(rest).map_err(|_| Broken::Damaged)?;
+    Ok((head, body, values))
 }
 
 /// Bytes in front of a value.
@@ -125,12 +152,13 @@ mod tests {
     fn messages_come_back() {
         let head = Head { from: 7, to: 0 };
         let body = Body::Values { first: 3 };
-        let mut message = encode(head, &body);
-        for (sent, value) in [(11, b"one".as_slice()), (12, b"")] {
-            let mut head = [0; VALUE_HEAD];
-            put_value_head(&mut head, sent, value.len());
-            message.extend([&head, value].concat());
-        }
+        let message = encode(head, &body, |message| {
+            for (sent, value) in [(11, b"one".as_slice()), (12, b"")] {
+                let mut head = [0; VALUE_HEAD];
+                put_value_head(&mut head, sent, value.len());
+                message.extend([&head, value].concat());
+            }
+        });
         let (got, found, mut rest) = decode(&message).unwrap();
         assert_eq!((got, found), (head, body));
         assert_eq!(next_value(&mut rest), Some((11, b"one".as_slice())));
@@ -140,14 +168,56 @@ mod tests {
 
     #[test]
     fn garbage_is_no_message() {
-        assert!(decode(b"").is_none());
-        assert!(decode(b"lunanet0abc").is_none());
-        assert!(decode(b"lunanet3\xff\xff").is_none());
+        assert_eq!(decode(b""), Err(Broken::Damaged));
+        assert_eq!(decode(b"lunanet0abc"), Err(Broken::OtherVersion));
+        assert_eq!(decode(b"lunanet4\xff\xff"), Err(Broken::Damaged));
+        // With its checksum, and no message.
+        let mut bytes = b"lunanet4\xff\xff".to_vec();
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+        assert_eq!(decode(&bytes), Err(Broken::Damaged));
         // A length beyond the end.
         assert_eq!(
             next_value(&mut [1, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 5].as_slice()),
             None
         );
+    }
+
+    #[test]
+    fn no_damage_makes_another_message() {
+        let hello = Hello {
+            type_name: "u64".to_owned(),
+            type_version: 0,
+            pid: 1,
+            host: "here".to_owned(),
+            clock: 1,
+            last: 0,
+            session: 0,
+            window: 64,
+        };
+        let head = Head { from: 7, to: 9 };
+        let busy = Body::Busy {
+            pid: 1,
+            host: "there".to_owned(),
+        };
+        let end = Body::End {
+            is_poisoned: true,
+            is_answer: false,
+        };
+        for body in [Body::Hello(hello), Body::Values { first: 3 }, end, busy] {
+            let message = encode(head, &body, |_| ());
+            assert!(decode(&message).is_ok());
+            for place in 0..message.len() {
+                assert!(
+                    decode(&message[..place]).is_err(),
+                    "{body:?} cut at {place}"
+                );
+                let mut damaged = message.clone();
+                for change in 1..=255 {
+                    damaged[place] = message[place] ^ change;
+                    assert!(decode(&damaged).is_err(), "{body:?} at {place}");
+                }
+            }
+        }
     }
 
     #[test]

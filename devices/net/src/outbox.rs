@@ -112,7 +112,8 @@ impl Outbox {
         }
         let (begin, (front, back)) = (self.sent.1, self.bytes.as_slices());
         let cut = front.len();
-        message.reserve(end - begin);
+        // Also for the checksum.
+        message.reserve(end - begin + 4);
         message.extend_from_slice(&front[begin.min(cut)..end.min(cut)]);
         message.extend_from_slice(&back[begin.max(cut) - cut..end.max(cut) - cut]);
         self.sent = (count, end);

@@ -6,7 +6,7 @@ use crate::age::ClockDifference;
 use crate::batch::Batch;
 use crate::error::TypeInfo;
 use crate::inbox::Accepted;
-use crate::message::{Beat, Body, Head, Hello, end_of, next_value};
+use crate::message::{Beat, Body, Broken, Head, Hello, end_of, next_value};
 use crate::side::{Event, Events, Memory, Own, Partner, Stop, Values};
 use crate::{NetError, Peer, Sign, Status};
 use luna::Instant;
@@ -96,6 +96,10 @@ impl Peering {
             return [self.stop(Stop::Failed(busy)), None];
         }
         if !is_partner || !is_for_this {
+            // Others may be addressed on the same way.
+            if is_for_this {
+                self.status.drop_one();
+            }
             return [None, None];
         }
         let joined = self.join(now);
@@ -151,7 +155,11 @@ impl Peering {
         // Numbers that cannot be reached by counting are no numbers, and nothing passes through a
         // window of none.
         let is_sound = hello.last.max(hello.session) < u64::MAX / 2 && hello.window > 0;
-        if !is_sound || (head.to != 0 && head.to != self.own.number) {
+        if !is_sound {
+            self.status.drop_one();
+            return None;
+        }
+        if head.to != 0 && head.to != self.own.number {
             return None;
         }
         let peer = Peer {
@@ -286,13 +294,12 @@ impl Peering {
         }
     }
 
-    /// A message could not be read.
-    pub(crate) fn garbled(&mut self) -> Option<Event> {
-        if self.is_joined() {
-            return None;
+    /// A message could not be read. Anybody may have sent it: it changes nothing.
+    pub(crate) fn drop_broken(&mut self, broken: Broken) {
+        self.status.drop_one();
+        if broken == Broken::OtherVersion {
+            self.status.hear_other_version();
         }
-        let name = self.own.name.clone();
-        self.stop(Stop::Failed(NetError::Protocol { name }))
     }
 
     /// A period has passed.

@@ -1,7 +1,7 @@
 //! What a link has done.
 
 use crate::Peer;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What a link has done in its session. It can be read at any time, also after the link's end.
@@ -29,6 +29,8 @@ struct Counts {
     sent: AtomicU64,
     missing: AtomicU64,
     resent: AtomicU64,
+    dropped: AtomicU64,
+    has_other_version: AtomicBool,
     partner: Mutex<Option<Peer>>,
 }
 
@@ -46,6 +48,14 @@ impl Status {
 
     pub(crate) fn resend(&self, values: u64) {
         self.0.resent.fetch_add(values, Relaxed);
+    }
+
+    pub(crate) fn drop_one(&self) {
+        self.0.dropped.fetch_add(1, Relaxed);
+    }
+
+    pub(crate) fn hear_other_version(&self) {
+        self.0.has_other_version.store(true, Relaxed);
     }
 
     /// So many values, up to the one of this number.
@@ -104,5 +114,17 @@ impl Status {
     /// Values that were sent again, since they had not arrived in time.
     pub fn resent(&self) -> u64 {
         self.0.resent.load(Relaxed)
+    }
+
+    /// Messages that were dropped: damaged ones, those of another version of luna-net, and those to
+    /// this side that are not of its partner. They change nothing else.
+    pub fn dropped(&self) -> u64 {
+        self.0.dropped.load(Relaxed)
+    }
+
+    /// Whether a message came that begins as those of another version of luna-net do. If the other
+    /// program does not join, build both with the same version.
+    pub fn has_heard_other_version(&self) -> bool {
+        self.0.has_other_version.load(Relaxed)
     }
 }

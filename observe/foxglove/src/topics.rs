@@ -3,7 +3,7 @@
 use foxglove::messages::{Log, Timestamp, log};
 use foxglove::{Channel, Context, FoxgloveError, PartialMetadata, RawChannel, Schema};
 use luna_logger::format::json::{self, Topic};
-use luna_logger::format::{Event, Level, Names, Record, SignalInfo, Values};
+use luna_logger::format::{Event, Level, Names, Record, SignalInfo, Values, protobuf};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -17,8 +17,6 @@ pub(crate) struct Topics {
     /// From the recording's clock to the time of day.
     offset: i128,
     has_epoch: bool,
-    /// Room for a message.
-    text: Vec<u8>,
 }
 
 impl Topics {
@@ -31,7 +29,6 @@ impl Topics {
             names: Names::forgetting(),
             offset: 0,
             has_epoch: false,
-            text: Vec::new(),
         }
     }
 
@@ -44,10 +41,10 @@ impl Topics {
     }
 
     fn channel(&self, topic: Topic) -> Result<Arc<RawChannel>, FoxgloveError> {
-        let schema = Schema::new(topic.schema_name, "jsonschema", topic.schema.into_bytes());
+        let schema = Schema::new(topic.schema_name, topic.encoding.of_schema(), topic.schema);
         self.context
             .channel_builder(topic.name)
-            .message_encoding("json")
+            .message_encoding(topic.encoding.of_messages())
             .schema(schema)
             .metadata(topic.metadata)
             .build_raw()
@@ -96,8 +93,7 @@ impl Topics {
         if let Some(channel) = self.signals.get(&signal)
             && channel.has_sinks()
         {
-            json::sample(&mut self.text, values);
-            channel.log_with_meta(&self.text, at);
+            channel.log_with_meta(protobuf::sample(values).as_bytes(), at);
         }
     }
 

@@ -45,9 +45,11 @@ impl Bucket {
         self.left_out += 1;
         for (value, extremes) in values.iter().zip(self.held.chunks_exact_mut(2)) {
             let value = value.as_f64();
-            if value < extremes[0].extreme {
+            // Any number is more extreme than NaN, which the span may begin with.
+            if value < extremes[0].extreme || extremes[0].extreme.is_nan() {
                 extremes[0].replace(value, time, values);
-            } else if value > extremes[1].extreme || extremes[1].extreme.is_nan() {
+            }
+            if value > extremes[1].extreme || extremes[1].extreme.is_nan() {
                 extremes[1].replace(value, time, values);
             }
         }
@@ -192,6 +194,18 @@ mod tests {
         assert_eq!(taken(&mut bucket), (vec![(2, 7.0), (4, -3.0)], 3));
         assert_eq!(taken(&mut bucket), (vec![], 0));
         assert!(put(&mut bucket, 2, 9, 0.0));
+    }
+
+    #[test]
+    fn extremes_after_nan_are_those_of_the_numbers() {
+        let mut bucket = Bucket::default();
+        for (time, value) in [0.0, f64::NAN, 5.0, -3.0, f64::NAN, 1.0]
+            .into_iter()
+            .enumerate()
+        {
+            assert_eq!(put(&mut bucket, 1, time as u64, value), time == 0);
+        }
+        assert_eq!(taken(&mut bucket), (vec![(2, 5.0), (3, -3.0)], 3));
     }
 
     #[test]

@@ -295,8 +295,11 @@ impl SdoClient {
                 }
                 Err(_) => return Err(SdoError::Closed),
             };
-            let bytes = answer.data().try_into().ok();
-            let answered = match bytes.and_then(Response::decode) {
+            // A message of SDO has 8 bytes: another frame is none, whoever sent it.
+            let Ok(bytes) = answer.data().try_into() else {
+                continue;
+            };
+            let answered = match Response::decode(bytes) {
                 // That of a transfer that was given up. Servers abort requests that they do not
                 // know with no object.
                 Some(Response::Abort { object: of, .. }) if of != object && of != NO_OBJECT => {

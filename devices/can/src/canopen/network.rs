@@ -121,7 +121,8 @@ impl<P: Port> Network<P> {
     }
 
     /// Gives the values of a PDO that a node transmits to a channel, by the controller: see
-    /// [`Controller::receive_as`]. A PDO of another length is [counted](Counts::malformed).
+    /// [`Controller::receive_as`]. Of a PDO that is longer than `T` the first bytes count, as
+    /// CiA 301 has it; one that is shorter is dropped and [counted](Counts::malformed).
     ///
     /// # Errors
     ///

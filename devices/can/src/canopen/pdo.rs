@@ -201,12 +201,13 @@ fn encode<T: PdoValue>(id: u16, value: &T) -> Frame {
     frame(id, &bytes[..T::LEN])
 }
 
-/// The value of a frame.
+/// The value of a frame. CiA 301: of a PDO that is longer than its mapping the first bytes count,
+/// one that is shorter is not processed.
 pub(super) fn decode<T: PdoValue>(frame: &Frame) -> Option<T> {
     const { assert!(T::LEN <= 8, "a PDO has at most 8 bytes") };
     match frame.is_remote() {
         true => None,
-        false => T::decode(frame.data()),
+        false => T::decode(frame.data().get(..T::LEN)?),
     }
 }
 

@@ -7,7 +7,7 @@ mod spawn;
 
 use luna::prelude::*;
 use luna_modbus::{Client, Event, ModbusServer, Reconnect, sim};
-pub(crate) use shared::Watchdog;
+pub(crate) use shared::{Watchdog, skip};
 pub(crate) use spawn::SpawnOk;
 use std::time::Duration;
 

@@ -4,7 +4,7 @@ use crate::common::{AT_ONCE, Bench, LONG, PERIOD, SpawnOk, newest, until, with_f
 use luna::devices::DeviceState;
 use luna::{Buffer, End};
 use luna_modbus::sim::{self, Fault};
-use luna_modbus::{Code, Event, Garbage, RequestError, Table, coil, input};
+use luna_modbus::{AnswerUnit, Code, Event, Garbage, RequestError, Table, coil, input};
 use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -141,14 +141,12 @@ fn garbage_closes_the_connection_and_is_named() {
     bench.run(client, async move {
         assert_eq!(events.recv().await?, Event::Connected);
         let http = b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec();
-        // A transaction of long ago would be one of 65 536.
-        let stale = vec![0xFF, 0xFF, 0, 0, 0, 5, 1, 4, 2, 0, 0];
         let cases = [
-            (1_u16, http, Garbage::Header),
-            (2, stale, Garbage::Transaction),
+            (1_u16, Fault::Garbage(http), Garbage::Header),
+            (2, Fault::Unit(9), Garbage::Unit),
         ];
-        for (number, bytes, why) in cases {
-            plc.fault(Fault::Garbage(bytes));
+        for (number, fault, why) in cases {
+            plc.fault(fault);
             let Event::Disconnected(error) = events.recv().await? else {
                 panic!("no end")
             };
@@ -163,6 +161,74 @@ fn garbage_closes_the_connection_and_is_named() {
         Ok(())
     });
     assert!(counts.garbage() >= 2 && counts.connections() >= 3);
+}
+
+#[test]
+fn an_answer_to_another_request_is_discarded() {
+    let Some(_watch) = with_files() else { return };
+    let (bench, client, plc, events) = Bench::new();
+    let (value, values) = newest::<u16>();
+    let client = client.read(input(0), value).unwrap();
+    let counts = client.counts();
+    let seen = counts.clone();
+    bench.run(client, async move {
+        assert_eq!(events.recv().await?, Event::Connected);
+        // As of long ago, or doubled by a gateway: with values, and a refusal.
+        let stale = [0xFF, 0xFF, 0, 0, 0, 5, 1, 4, 2, 0, 99];
+        let refused = [0xFF, 0xFE, 0, 0, 0, 3, 1, 0x84, 2];
+        plc.fault(Fault::Before([&stale[..], &refused].concat()));
+        for number in 1..10 {
+            plc.set(input(0), number)?;
+            loop {
+                let value = values.recv().await?;
+                assert_ne!(value, 99);
+                if value == number {
+                    break;
+                }
+            }
+        }
+        assert!(seen.strays() >= 18, "{seen:?}");
+        assert!(events.try_recv().is_err());
+        Ok(())
+    });
+    assert_eq!((counts.garbage(), counts.connections()), (0, 1));
+}
+
+/// Gateways, and devices that take unit 255 and answer as another.
+#[test]
+fn a_server_may_answer_as_another_unit_where_that_is_stated() {
+    for (asked, answered, answers) in [
+        (255, 0, AnswerUnit::Is(0)),
+        (0, 255, AnswerUnit::Is(255)),
+        (17, 1, AnswerUnit::Any),
+        (0, 0, AnswerUnit::Asked),
+        (255, 255, AnswerUnit::Asked),
+    ] {
+        let Some(_watch) = with_files() else { return };
+        let (bench, client, plc, events) = Bench::new();
+        let (value, values) = newest::<u16>();
+        let (switch, switches) = newest::<bool>();
+        let client = client
+            .unit(asked)
+            .answer_unit(answers)
+            .read(input(0), value)
+            .and_then(|client| client.write(coil(0), switches))
+            .unwrap();
+        let counts = client.counts();
+        plc.fault(Fault::Unit(answered));
+        bench.run(client, async move {
+            assert_eq!(events.recv().await?, Event::Connected);
+            plc.set(input(0), 7_u16)?;
+            until(&values, 7).await?;
+            switch.send(true).await?;
+            drop((switch, values));
+            // The client ends without another report.
+            assert_eq!(events.recv().await.ok(), None);
+            assert!(plc.get(coil(0))?);
+            Ok(())
+        });
+        assert_eq!((counts.written(), counts.connections()), (1, 1));
+    }
 }
 
 #[test]

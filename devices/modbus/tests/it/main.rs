@@ -4,6 +4,7 @@
 
 mod common;
 mod faults;
+mod peer;
 mod recorder;
 mod traffic;
 mod writes;

@@ -7,6 +7,7 @@ mod shared;
 mod links;
 
 mod bad_network;
+mod broken;
 mod child;
 mod death;
 mod ends;

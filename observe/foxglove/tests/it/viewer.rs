@@ -1,5 +1,6 @@
 //! A viewer: what Foxglove's application does of the protocol `foxglove.sdk.v1`.
 
+use prost::Message as _;
 use serde_json::{Value as Json, json};
 use std::collections::HashMap;
 use std::net::{SocketAddr, TcpStream};
@@ -27,6 +28,26 @@ pub(crate) struct Data {
 impl Data {
     pub(crate) fn json(&self) -> Json {
         serde_json::from_slice(&self.content).unwrap()
+    }
+
+    /// The value of a sample of an `f64`.
+    pub(crate) fn double(&self) -> f64 {
+        #[derive(prost::Message)]
+        struct Form {
+            #[prost(double, tag = "1")]
+            value: f64,
+        }
+        Form::decode(&*self.content).unwrap().value
+    }
+
+    /// The values of a sample of an array of small integers.
+    pub(crate) fn small(&self) -> Vec<i32> {
+        #[derive(prost::Message)]
+        struct Form {
+            #[prost(sint32, repeated, tag = "1")]
+            value: Vec<i32>,
+        }
+        Form::decode(&*self.content).unwrap().value
     }
 }
 

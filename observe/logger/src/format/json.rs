@@ -1,41 +1,74 @@
-//! Signals and events as messages in JSON, the same live in Foxglove and in an MCAP file.
+//! Signals and events as messages of topics, the same live in Foxglove and in an MCAP file.
+//!
+//! Events are JSON. Samples are Protocol Buffers: JSON has no number for NaN and the infinities,
+//! and its readers round integers of more than 53 bits.
 
+use super::protobuf;
 use super::record::{Event, SignalInfo};
-use super::types::{Type, Value, Values};
 use super::words::{Names, Words};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-/// A topic of JSON messages.
+/// How the messages of a topic are encoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Encoding {
+    /// JSON, with a JSON Schema.
+    Json,
+    /// Protocol Buffers, with a `FileDescriptorSet`.
+    Protobuf,
+}
+
+impl Encoding {
+    /// The name of the messages' encoding, as MCAP and Foxglove have it.
+    pub fn of_messages(self) -> &'static str {
+        match self {
+            Encoding::Json => "json",
+            Encoding::Protobuf => "protobuf",
+        }
+    }
+
+    /// The name of the schema's encoding, as MCAP and Foxglove have it.
+    pub fn of_schema(self) -> &'static str {
+        match self {
+            Encoding::Json => "jsonschema",
+            Encoding::Protobuf => "protobuf",
+        }
+    }
+}
+
+/// A topic: what its messages are.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Topic {
     /// Its name, which begins with `/`.
     pub name: String,
     /// The name of its schema.
     pub schema_name: String,
-    /// Its schema, a JSON Schema.
-    pub schema: String,
+    /// Its schema.
+    pub schema: Vec<u8>,
+    /// How the messages and the schema are encoded.
+    pub encoding: Encoding,
     /// What else is known of it: `unit` and `description`.
     pub metadata: BTreeMap<String, String>,
 }
 
 impl Topic {
-    /// A topic of messages that are objects with these properties.
+    /// A topic of messages in JSON that are objects with these properties.
     pub fn new(name: &str, schema_name: &str, properties: &serde_json::Value) -> Topic {
         let schema = json!({ "title": schema_name, "type": "object", "properties": properties });
         Topic {
             name: name.to_owned(),
             schema_name: schema_name.to_owned(),
-            schema: schema.to_string(),
+            schema: schema.to_string().into_bytes(),
+            encoding: Encoding::Json,
             metadata: BTreeMap::new(),
         }
     }
 
-    /// That of a signal, for [`sample`]s.
+    /// That of a signal, for [`protobuf::sample`]s.
     ///
     /// ```
-    /// use luna_logger::format::json::{Topic, sample};
-    /// use luna_logger::format::{SignalInfo, Type, Values};
+    /// use luna_logger::format::json::{Encoding, Topic};
+    /// use luna_logger::format::{SignalInfo, Type, Values, protobuf};
     ///
     /// let topic = Topic::of_signal(&SignalInfo {
     ///     number: 0,
@@ -46,30 +79,24 @@ impl Topic {
     ///     description: "",
     /// });
     /// assert_eq!((&*topic.name, &*topic.schema_name), ("/arm/place", "luna.i16x2"));
+    /// assert_eq!(topic.encoding, Encoding::Protobuf);
     /// assert_eq!(topic.metadata["unit"], "mm");
-    /// let mut text = Vec::new();
-    /// sample(&mut text, Values::from_bytes(Type::I16, &[1, 0, 2, 0]));
-    /// assert_eq!(text, br#"{"value":[1,2]}"#);
+    /// let message = protobuf::sample(Values::from_bytes(Type::I16, &[1, 0, 2, 0]));
+    /// assert_eq!(message.as_bytes(), [0x0A, 2, 2, 4]); // field 1, two bytes, 1 and 2 in zigzag
     /// ```
     pub fn of_signal(info: &SignalInfo<'_>) -> Topic {
-        let one = match info.element_type {
-            Type::Bool => json!({ "type": "boolean" }),
-            Type::F32 | Type::F64 => json!({ "type": "number" }),
-            _ => json!({ "type": "integer" }),
-        };
-        let value = match info.elements {
-            1 => one,
-            _ => json!({ "type": "array", "items": one }),
-        };
-        let name = format!("/{}", info.name.trim_start_matches('/'));
-        let schema = format!("luna.{}x{}", info.element_type, info.elements);
-        let mut topic = Topic::new(&name, &schema, &json!({ "value": value }));
-        topic.metadata = [("unit", info.unit), ("description", info.description)]
+        let (schema_name, schema) = protobuf::schema(info);
+        let metadata = [("unit", info.unit), ("description", info.description)]
             .into_iter()
             .filter(|(_, text)| !text.is_empty())
-            .map(|(name, text)| (name.to_owned(), text.to_owned()))
-            .collect();
-        topic
+            .map(|(name, text)| (name.to_owned(), text.to_owned()));
+        Topic {
+            name: format!("/{}", info.name.trim_start_matches('/')),
+            schema_name,
+            schema: schema.as_bytes().to_vec(),
+            encoding: Encoding::Protobuf,
+            metadata: metadata.collect(),
+        }
     }
 
     /// That of [`event`]s.
@@ -94,7 +121,7 @@ impl Topic {
 /// let text: serde_json::Value = serde_json::from_str(&event(&Names::default(), &one)).unwrap();
 /// assert_eq!(text["subject"], "channel 3");
 /// assert_eq!(text["first"], "process 9");
-/// let schema: serde_json::Value = serde_json::from_str(&Topic::of_events().schema).unwrap();
+/// let schema: serde_json::Value = serde_json::from_slice(&Topic::of_events().schema).unwrap();
 /// let keys = |of: &serde_json::Value| -> Vec<String> {
 ///     of.as_object().unwrap().keys().cloned().collect()
 /// };
@@ -118,30 +145,4 @@ pub fn event(names: &Names, event: &Event) -> String {
         "arguments": event.arguments,
     })
     .to_string()
-}
-
-/// A sample, written over `text`. A number that is not finite is null, as JSON has it.
-pub fn sample(text: &mut Vec<u8>, values: Values<'_>) {
-    text.clear();
-    text.extend(br#"{"value":"#);
-    let is_list = values.len() > 1;
-    if is_list {
-        text.push(b'[');
-    }
-    for (number, value) in values.iter().enumerate() {
-        if number > 0 {
-            text.push(b',');
-        }
-        // Writing a number to memory does not fail.
-        let _ = match value {
-            Value::Bool(value) => serde_json::to_writer(&mut *text, &value),
-            Value::Signed(value) => serde_json::to_writer(&mut *text, &value),
-            Value::Unsigned(value) => serde_json::to_writer(&mut *text, &value),
-            Value::Float(value) => serde_json::to_writer(&mut *text, &value),
-        };
-    }
-    if is_list {
-        text.push(b']');
-    }
-    text.push(b'}');
 }

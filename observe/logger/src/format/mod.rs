@@ -20,6 +20,7 @@ mod encoder;
 mod error;
 #[cfg(feature = "json")]
 pub mod json;
+pub mod protobuf;
 mod reader;
 mod record;
 mod tally;

@@ -1,12 +1,14 @@
 //! The code of an FMU: its functions, called through the bindings of the `fmi` crate.
 //!
 //! That crate's instances are not used. Their log callbacks read texts that may be null, and panic
-//! on an unknown status: in a function called from C that ends the program. And they let foreign
-//! code write to a `bool`.
+//! on an unknown status: in a function called from C that ends the program. They let foreign code
+//! write to a `bool`, and give an FMU of version 3 the path of its resources without the separator
+//! that the standard has at its end.
 
 use super::description::Description;
 use super::error::{FmuError, FmuStatus};
 use super::instance::Called;
+use super::journal::{Journal, log_three, log_two};
 use super::{Kind, Version};
 use fmi::fmi2::binding as two;
 use fmi::fmi2::import::Fmi2Import;
@@ -14,6 +16,8 @@ use fmi::fmi3::binding as three;
 use fmi::fmi3::import::Fmi3Import;
 use fmi::traits::FmiImport;
 use std::ffi::{CStr, CString, c_char};
+use std::path::MAIN_SEPARATOR;
+use std::sync::Arc;
 use tempfile::TempDir;
 
 fn library(error: fmi::Error) -> FmuError {
@@ -22,10 +26,13 @@ fn library(error: fmi::Error) -> FmuError {
     }
 }
 
-const NOT_INSTANTIATED: FmuError = FmuError::Refused {
-    call: "instantiate",
-    status: FmuStatus::Error,
-};
+fn not_instantiated(journal: &Journal) -> FmuError {
+    FmuError::Refused {
+        call: "instantiate",
+        status: FmuStatus::Error,
+        said: journal.reason(),
+    }
+}
 
 fn text(text: &str) -> Result<CString, FmuError> {
     CString::new(text).map_err(|_| FmuError::Description {
@@ -86,53 +93,30 @@ fn called_three(status: three::fmi3Status) -> Called {
     }
 }
 
-/// Ignores what an FMU logs although logging is off.
-unsafe extern "C" fn ignore_two(
-    _: two::fmi2ComponentEnvironment,
-    _: two::fmi2String,
-    _: two::fmi2Status,
-    _: two::fmi2String,
-    _: two::fmi2String,
-) {
-}
-
-unsafe extern "C" fn ignore_three(
-    _: three::fmi3InstanceEnvironment,
-    _: three::fmi3Status,
-    _: three::fmi3String,
-    _: three::fmi3String,
-) {
-}
-
-fn callbacks_two() -> two::fmi2CallbackFunctions {
-    type Fixed = unsafe extern "C" fn(
-        two::fmi2ComponentEnvironment,
-        two::fmi2String,
-        two::fmi2Status,
-        two::fmi2String,
-        two::fmi2String,
-    );
-    type Variadic = unsafe extern "C" fn(
-        two::fmi2ComponentEnvironment,
-        two::fmi2String,
-        two::fmi2Status,
-        two::fmi2String,
-        two::fmi2String,
-        ...
-    );
-    // SAFETY: Rust cannot define a variadic function. This function reads no argument, and in the
-    // calling conventions of the platforms of FMUs the caller both passes and removes the
-    // arguments.
-    let logger = unsafe { std::mem::transmute::<Fixed, Variadic>(ignore_two) };
+fn callbacks_two(journal: &Journal) -> two::fmi2CallbackFunctions {
     // calloc and free.
     let memory = fmi::fmi2::CallbackFunctions::default();
     two::fmi2CallbackFunctions {
-        logger: Some(logger),
+        logger: Some(log_two),
         allocateMemory: memory.allocate_memory,
         freeMemory: memory.free_memory,
         stepFinished: None,
-        componentEnvironment: std::ptr::null_mut(),
+        componentEnvironment: (&raw const *journal).cast_mut().cast(),
     }
+}
+
+/// The place of its resources, as version 3 has it: a path with a separator at its end.
+fn path_of_resources(import: &Fmi3Import) -> Result<CString, FmuError> {
+    let path = import.resource_path();
+    let unusable = |reason: String| FmuError::File {
+        path: path.clone(),
+        reason: format!("{reason}; set TMPDIR to another folder"),
+    };
+    let absolute = std::path::absolute(&path).map_err(|error| unusable(error.to_string()))?;
+    let Some(absolute) = absolute.to_str() else {
+        return Err(unusable("its path is no UTF-8".to_owned()));
+    };
+    text(&format!("{absolute}{MAIN_SEPARATOR}"))
 }
 
 /// An instance of version 2. Dropping it frees it. Its files must exist that long.
@@ -148,6 +132,8 @@ pub(super) struct Two {
     component: two::fmi2Component,
     /// The code may keep where they are.
     _callbacks: Box<two::fmi2CallbackFunctions>,
+    /// It logs there, also as it is freed.
+    _journal: Arc<Journal>,
 }
 
 impl Two {
@@ -155,6 +141,7 @@ impl Two {
         files: TempDir,
         description: &Description,
         name: &str,
+        (journal, is_logging): (&Arc<Journal>, bool),
     ) -> Result<(Self, Fmi2Import), FmuError> {
         let import = Fmi2Import::new(files, &description.for_loader()).map_err(library)?;
         let code = import.binding(&description.identifier).map_err(library)?;
@@ -166,9 +153,9 @@ impl Two {
         unsafe { check_version(Version::Two, code.fmi2GetVersion())? };
         let (name, token) = (text(name)?, text(&description.token)?);
         let resources = text(&import.canonical_resource_path_string())?;
-        let callbacks = Box::new(callbacks_two());
-        // SAFETY: the function was just found. The texts live until it returns; the callbacks have
-        // their place as long as the component that is returned.
+        let callbacks = Box::new(callbacks_two(journal));
+        // SAFETY: the function was just found. The texts live until it returns; the callbacks and
+        // the journal have their places as long as the component that is returned.
         let component = unsafe {
             code.fmi2Instantiate(
                 name.as_ptr(),
@@ -177,16 +164,17 @@ impl Two {
                 resources.as_ptr(),
                 &raw const *callbacks,
                 0,
-                0,
+                is_logging.into(),
             )
         };
         if component.is_null() {
-            return Err(NOT_INSTANTIATED);
+            return Err(not_instantiated(journal));
         }
         let loaded = Self {
             code,
             component,
             _callbacks: callbacks,
+            _journal: journal.clone(),
         };
         Ok((loaded, import))
     }
@@ -270,6 +258,8 @@ impl Drop for Two {
 pub(super) struct Three {
     code: three::Fmi3Binding,
     instance: three::fmi3Instance,
+    /// It logs there, also as it is freed.
+    _journal: Arc<Journal>,
 }
 
 impl Three {
@@ -277,6 +267,7 @@ impl Three {
         files: TempDir,
         description: &Description,
         name: &str,
+        (journal, is_logging): (&Arc<Journal>, bool),
     ) -> Result<(Self, Fmi3Import), FmuError> {
         let import = Fmi3Import::new(files, &description.for_loader()).map_err(library)?;
         let code = import.binding(&description.identifier).map_err(library)?;
@@ -287,30 +278,34 @@ impl Three {
         // text of the code's, which ends with a zero, as `check_version` requires.
         unsafe { check_version(Version::Three, code.fmi3GetVersion())? };
         let (name, token) = (text(name)?, text(&description.token)?);
-        let resources = text(&import.canonical_resource_path_string())?;
-        // SAFETY: the function was just found. The texts live until it returns; of the pointers
-        // that may be null, the list of variables is empty and the environment is passed back
-        // alone.
+        let resources = path_of_resources(&import)?;
+        // SAFETY: the function was just found. The texts live until it returns; the list of
+        // variables, which may be null, is empty. The journal, which is passed back alone, has its
+        // place as long as the instance that is returned.
         let instance = unsafe {
             code.fmi3InstantiateCoSimulation(
                 name.as_ptr(),
                 token.as_ptr(),
                 resources.as_ptr(),
                 false,
-                false,
+                is_logging,
                 false,
                 false,
                 std::ptr::null(),
                 0,
-                std::ptr::null_mut(),
-                Some(ignore_three),
+                Arc::as_ptr(journal).cast_mut().cast(),
+                Some(log_three),
                 None,
             )
         };
         if instance.is_null() {
-            return Err(NOT_INSTANTIATED);
+            return Err(not_instantiated(journal));
         }
-        let loaded = Self { code, instance };
+        let loaded = Self {
+            code,
+            instance,
+            _journal: journal.clone(),
+        };
         Ok((loaded, import))
     }
 

@@ -139,13 +139,24 @@ pub enum FmuError {
         reason: String,
     },
     /// It does not get through its initialization.
-    #[error("the FMU's {call} {status}")]
+    #[error("the FMU's {call} {status}{}", reason(.said))]
     Refused {
         /// Which of its functions fails: "instantiate", "enterInitializationMode".
         call: &'static str,
         /// The status that it returned.
         status: FmuStatus,
+        /// What it has logged of warnings and errors, but for what is beyond 1 KiB; empty if it has
+        /// not.
+        said: String,
     },
+}
+
+/// What is known of why it refuses.
+fn reason(said: &str) -> String {
+    match said {
+        "" => ": it has logged no reason; `Fmu::debug_log` lets it log more".to_owned(),
+        said => format!(": {said}"),
+    }
 }
 
 impl From<FmuError> for luna::Error {

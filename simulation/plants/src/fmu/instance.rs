@@ -3,10 +3,12 @@
 use super::code::{Three, Two};
 use super::description::Description;
 use super::error::{FmuError, FmuStatus};
+use super::journal::Journal;
 use super::{Kind, Version};
 use fmi::fmi2::import::Fmi2Import;
 use fmi::fmi3::import::Fmi3Import;
 use std::mem::ManuallyDrop;
+use std::sync::Arc;
 use tempfile::TempDir;
 
 /// A call's result.
@@ -17,6 +19,7 @@ pub(super) struct Instance {
     loaded: ManuallyDrop<Loaded>,
     is_fatal: bool,
     has_failed: bool,
+    journal: Arc<Journal>,
     /// Its files, which it may read while it lives.
     _import: Import,
 }
@@ -34,7 +37,7 @@ enum Loaded {
 
 // SAFETY: the standards bind an instance to no thread; they require that its functions are not
 // called at the same time, and all calls take `&mut self`. The other fields are handles of the
-// loaded library, which any thread may use.
+// loaded library, and the journal, which any thread may use.
 unsafe impl Send for Instance {}
 
 /// Calls the function of that name on the loaded instance, and notes its status.
@@ -56,16 +59,19 @@ impl Instance {
         files: TempDir,
         description: &Description,
         name: &str,
+        is_logging: bool,
     ) -> Result<Self, FmuError> {
+        let journal = Arc::new(Journal::new(name));
+        let log = (&journal, is_logging);
         // It is made into a text of C.
         let name = name.replace('\0', " ");
         let (loaded, import) = match description.version {
             Version::Two => {
-                let (two, import) = Two::new(files, description, &name)?;
+                let (two, import) = Two::new(files, description, &name, log)?;
                 (Loaded::Two(Box::new(two)), Import::Two(import))
             }
             Version::Three => {
-                let (three, import) = Three::new(files, description, &name)?;
+                let (three, import) = Three::new(files, description, &name, log)?;
                 (Loaded::Three(Box::new(three)), Import::Three(import))
             }
         };
@@ -73,8 +79,23 @@ impl Instance {
             loaded: ManuallyDrop::new(loaded),
             is_fatal: false,
             has_failed: false,
+            journal,
             _import: import,
         })
+    }
+
+    /// An error of a call before it is set up.
+    pub(super) fn refused(&self, call: &'static str, status: FmuStatus) -> FmuError {
+        FmuError::Refused {
+            call,
+            status,
+            said: self.journal.reason(),
+        }
+    }
+
+    /// It is initialized.
+    pub(super) fn set_up(&self) {
+        self.journal.set_up();
     }
 
     pub(super) fn enter_initialization(&mut self) -> Called {

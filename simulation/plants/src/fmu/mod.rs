@@ -3,8 +3,10 @@
 //! A *functional mock-up unit* is a model that a simulation tool has exported with its solver: a
 //! zip archive with a description and a shared library. 20-sim, OpenModelica, Simulink, Dymola and
 //! others write them. Versions 2 and 3 of the standard are supported; the
-//! [`fmi`](https://docs.rs/fmi) crate does the loading and the C interface. Logging is turned off,
-//! and log calls are ignored.
+//! [`fmi`](https://docs.rs/fmi) crate does the loading and the C interface.
+//!
+//! What an FMU logs is a [message](luna::log::message) from `fmu` and the instance's name; while it
+//! refuses to be set up it is in the error too.
 //!
 //! ```no_run
 //! use luna_plants::{PlantLink, fmu::Fmu};
@@ -37,6 +39,7 @@ mod code;
 mod description;
 mod error;
 mod instance;
+mod journal;
 
 pub use error::{FmuError, FmuFault, FmuStatus};
 
@@ -123,6 +126,7 @@ pub struct Fmu {
     files: TempDir,
     description: Description,
     parameters: Vec<(Kind, u32, f64)>,
+    is_logging: bool,
 }
 
 impl Fmu {
@@ -153,6 +157,9 @@ impl Fmu {
         archive
             .extract(&files)
             .map_err(|error| no_file(error.to_string()))?;
+        // Some have no resources: the folder that it is told of is there all the same.
+        std::fs::create_dir_all(files.path().join("resources"))
+            .map_err(|error| no_file(error.to_string()))?;
         let xml = std::fs::read_to_string(files.path().join("modelDescription.xml")).map_err(
             |error| FmuError::Description {
                 reason: format!("modelDescription.xml: {error}"),
@@ -162,6 +169,7 @@ impl Fmu {
             files,
             description: Description::parse(&xml)?,
             parameters: Vec::new(),
+            is_logging: false,
         })
     }
 
@@ -198,6 +206,13 @@ impl Fmu {
         Ok(self)
     }
 
+    /// Turns its debug logging on: without it most log no more than warnings and errors.
+    #[must_use]
+    pub fn debug_log(mut self) -> Fmu {
+        self.is_logging = true;
+        self
+    }
+
     /// Loads its code, and creates an instance called `name`, initialized at time 0: a plant with
     /// these inputs and outputs, by the names of its variables. Inputs that are not listed keep the
     /// model's values.
@@ -215,19 +230,16 @@ impl Fmu {
     ) -> Result<FmuPlant, FmuError> {
         let (inputs, input_ports) = self.ports(inputs, Side::Input)?;
         let (outputs, output_ports) = self.ports(outputs, Side::Output)?;
-        let mut instance = Instance::new(self.files, &self.description, name)?;
-        let refused = |call| move |status| FmuError::Refused { call, status };
+        let mut instance = Instance::new(self.files, &self.description, name, self.is_logging)?;
         for (kind, reference, value) in self.parameters {
-            instance
-                .set(kind, reference, value)
-                .map_err(refused("set of a parameter"))?;
+            let set = instance.set(kind, reference, value);
+            set.map_err(|status| instance.refused("set of a parameter", status))?;
         }
-        instance
-            .enter_initialization()
-            .map_err(refused("enterInitializationMode"))?;
-        instance
-            .exit_initialization()
-            .map_err(refused("exitInitializationMode"))?;
+        let entered = instance.enter_initialization();
+        entered.map_err(|status| instance.refused("enterInitializationMode", status))?;
+        let left = instance.exit_initialization();
+        left.map_err(|status| instance.refused("exitInitializationMode", status))?;
+        instance.set_up();
         Ok(FmuPlant {
             instance,
             inputs,

@@ -287,6 +287,9 @@ impl<P: Port> Node<P> {
         if *state != NmtState::Operational {
             return Vec::new();
         }
+        if received.is_remote() {
+            return Vec::new();
+        }
         if id == SYNC {
             let mut frames = Vec::new();
             for (number, since) in (0..).zip(&mut self.syncs) {
@@ -307,7 +310,7 @@ impl<P: Port> Node<P> {
         let pdos = (0..PDOS).filter_map(|number| dictionary.pdo(0x1400, number));
         if let Some(pdo) = pdos.into_iter().find(|pdo| pdo.id == id) {
             let mut rest = received.data();
-            // One that is too short is for none of its objects.
+            // One that is too short is for none of its objects; what is too long is left over.
             if pdo.objects.iter().map(|(_, len)| len).sum::<usize>() > rest.len() {
                 return Vec::new();
             }

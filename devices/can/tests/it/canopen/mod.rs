@@ -3,6 +3,7 @@
 mod clients;
 mod codings;
 mod nodes;
+mod peer;
 mod process_data;
 mod transfers;
 

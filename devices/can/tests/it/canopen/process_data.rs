@@ -2,12 +2,13 @@
 
 use super::{id, master, node};
 use crate::common::{Bench, SpawnOk, frame, watchdog};
+use embedded_can::StandardId;
 use luna::prelude::*;
 use luna_can::canopen::sim::Access;
 use luna_can::canopen::{
     AbortCode, Direction, NmtCommand, Object, PdoError, PdoSetting, SdoError, Transmission,
 };
-use luna_can::{Event, Filter};
+use luna_can::{Event, Filter, Frame};
 use std::time::Duration;
 
 const STATUS: Object = Object::new(0x6041, 0);
@@ -80,10 +81,17 @@ fn process_data_goes_both_ways_by_event_and_by_sync() {
         luna::after(Duration::from_millis(1)).await;
         assert_eq!(control.get::<u16>(CONTROL), Some(0xF));
         assert_eq!(control.get::<i32>(TARGET), Some(123_456));
-        // One that is too short is for none of its objects.
+        // One that is too short is for none of its objects; of one that is longer the first bytes
+        // count.
         sender.send(frame(received, &[1; 5])).await?;
         luna::after(Duration::from_millis(1)).await;
         assert_eq!(control.get::<u16>(CONTROL), Some(0xF));
+        sender
+            .send(frame(received, &[7, 0, 8, 0, 0, 0, 9, 9]))
+            .await?;
+        luna::after(Duration::from_millis(1)).await;
+        assert_eq!(control.get::<u16>(CONTROL), Some(7));
+        assert_eq!(control.get::<i32>(TARGET), Some(8));
         drop(sender);
 
         switch.send(false).await?;
@@ -206,7 +214,7 @@ fn a_bus_that_is_back_gets_the_newest_set_point_soon() {
 }
 
 #[test]
-fn process_data_of_another_length_is_counted_and_reported() {
+fn process_data_that_is_longer_counts_and_that_is_shorter_is_reported() {
     let _watch = watchdog();
     let mut bench = Bench::new();
     let stranger = bench.node("stranger");
@@ -222,18 +230,23 @@ fn process_data_of_another_length_is_counted_and_reported() {
     bench.main.process("listener").spawn_ok(listening);
     drop(listener);
     bench.main.process("user").spawn_ok(async move {
-        // Once until a good one comes.
-        for _ in 0..2 {
-            for len in [0, 5, 7, 8, 6] {
-                stranger.send.send(frame(0x185, &[1; 8][..len])).await?;
+        // Reported once until a good one comes. Of one that is longer the first bytes count.
+        for whole in [6, 7, 8] {
+            for len in [0, 5, whole] {
+                let bytes = [1, 2, 3, 4, 5, 6, 0xFF, 0xFF];
+                stranger.send.send(frame(0x185, &bytes[..len])).await?;
             }
-            assert_eq!(values.recv().await?, (0x101, 0x101_0101));
+            assert_eq!(values.recv().await?, (0x201, 0x605_0403));
             assert_eq!(events.try_recv(), Ok(Event::Malformed { receiver: 0 }));
             assert!(events.try_recv().is_err());
         }
+        let id = StandardId::new(0x185).unwrap();
+        let remote = Frame::remote(id, 8).unwrap();
+        stranger.send.send(remote).await?;
+        assert_eq!(events.recv().await?, Event::Malformed { receiver: 0 });
         drop((received, stranger));
         Ok(())
     });
     bench.run().unwrap();
-    assert_eq!((counts.malformed(), counts.received()), (8, 2));
+    assert_eq!((counts.malformed(), counts.received()), (7, 3));
 }

@@ -240,6 +240,30 @@ fn a_server_against_the_protocol_is_told_and_the_transfer_ends() {
     bench.run().unwrap();
 }
 
+#[test]
+fn frames_of_another_length_are_no_answers_and_end_no_transfer() {
+    let _watch = watchdog();
+    let mut bench = Bench::new();
+    let server = bench.node("server");
+    let mut network = master(&mut bench);
+    let mut sdo = network.sdo(id()).unwrap().timeout(TIMEOUT);
+    bench.main.process("master").spawn_ok(network.controller());
+    bench.main.process("answers").spawn_ok(async move {
+        server.received.recv().await?;
+        let answer = [0x4B, 0x00, 0x20, 1, 7, 0, 0, 0];
+        for len in 0..=8 {
+            let frame = frame(id().sdo_response(), &answer[..len]);
+            server.send.send(frame).await?;
+        }
+        Ok(())
+    });
+    bench.main.process("user").spawn_ok(async move {
+        assert_eq!(sdo.read::<i16>(SPEED).await?, 7);
+        Ok(())
+    });
+    bench.run().unwrap();
+}
+
 /// Bytes that are near to those of a server, in part.
 fn answers() -> impl Strategy<Value = Vec<[u8; 8]>> {
     let commands = prop::sample::select(vec![

@@ -20,6 +20,8 @@ pub(crate) struct Odd {
     pub(crate) platform: Option<&'static str>,
     /// Without a description.
     pub(crate) is_mute: bool,
+    /// What is in `y.txt` in its resources; without it it has none.
+    pub(crate) resource: Option<&'static str>,
 }
 
 /// An FMU's file, of a name of its own.
@@ -48,6 +50,9 @@ pub(crate) fn fmu(version: Version, odd: Odd) -> PathBuf {
     };
     if !odd.is_mute {
         add("modelDescription.xml", description.as_bytes());
+    }
+    if let Some(text) = odd.resource {
+        add("resources/y.txt", text.as_bytes());
     }
     let platform = odd.platform.unwrap_or(platform);
     add(

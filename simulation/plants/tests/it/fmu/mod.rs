@@ -2,6 +2,8 @@
 //! by name.
 
 mod build;
+mod given;
+mod reference;
 
 use crate::spawn::SpawnOk;
 use build::{Odd, fmu};
@@ -14,11 +16,11 @@ use std::time::Duration;
 const VERSIONS: [Version; 2] = [Version::Two, Version::Three];
 const MS: Duration = Duration::from_millis(1);
 
-fn open(version: Version) -> Fmu {
+pub(crate) fn open(version: Version) -> Fmu {
     Fmu::open(fmu(version, Odd::default())).unwrap()
 }
 
-fn odd(version: Version, odd: Odd) -> Result<FmuPlant, FmuError> {
+pub(crate) fn odd(version: Version, odd: Odd) -> Result<FmuPlant, FmuError> {
     Fmu::open(fmu(version, odd))?.instantiate("odd", &["u"], &["y"])
 }
 
@@ -141,8 +143,9 @@ fn a_failure_names_its_call_and_status() {
         (9.0, Some(call("set", FmuStatus::Error))),
         (11.0, None),
         (12.0, Some(out_of_range)),
-        // It logs null texts with an invalid status, although logging is off.
+        // It logs null texts with an invalid status, although debug logging is off.
         (13.0, None),
+        (16.0, None),
         (15.0, Some(call("doStep", FmuStatus::Unknown))),
     ];
     let of_three = [
@@ -321,20 +324,32 @@ fn code_that_cannot_be_loaded() {
             ..Odd::default()
         };
         let error = odd(version, foreign).unwrap_err();
-        assert_eq!(
-            error,
-            FmuError::Refused {
-                call: "instantiate",
-                status: FmuStatus::Error
-            }
-        );
+        let FmuError::Refused { call, status, said } = error else {
+            panic!("{error}")
+        };
+        assert_eq!((call, status), ("instantiate", FmuStatus::Error));
+        assert!(said.starts_with("the token is another one"), "{said}");
         let fmu = open(version).parameter("fault", 10.0).unwrap();
         let error = fmu.instantiate("lag", &["u"], &["y"]).unwrap_err();
-        let expected = FmuError::Refused {
-            call: "enterInitializationMode",
-            status: FmuStatus::Error,
+        let FmuError::Refused { call, status, said } = &error else {
+            panic!("{error}")
         };
-        assert_eq!(error, expected);
+        assert_eq!(
+            (*call, *status),
+            ("enterInitializationMode", FmuStatus::Error)
+        );
+        assert!(said.starts_with("it does not converge"), "{said}");
+        let text = error.to_string();
+        assert!(
+            text.starts_with("the FMU's enterInitializationMode returns an error: it does not"),
+            "{text}"
+        );
+        let mute = Odd {
+            flag: Some("-DMUTE"),
+            ..Odd::default()
+        };
+        let text = odd(version, mute).unwrap_err().to_string();
+        assert!(text.contains("it has logged no reason"), "{text}");
     }
     let lacking = Odd {
         flag: Some("-DNO_STEP"),

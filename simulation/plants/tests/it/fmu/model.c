@@ -1,12 +1,14 @@
 /* A co-simulation FMU for the tests: a first-order lag, T dy/dt = gain u - y, solved exactly. Of version FMI, 2 or 3.
  *
- * It is a strict one: it refuses calls in a wrong order or at a wrong time, and ends the program if it is called after a fatal error, or
- * terminated after an error. From its fourth step on it does what the parameter `fault` says.
+ * It is a strict one: it checks what it is given, refuses calls in a wrong order or at a wrong time, and ends the program if it is called
+ * after a fatal error, or terminated after an error. It logs why it refuses. From its fourth step on it does what the parameter `fault` says.
  */
+#include <dirent.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,7 +21,7 @@ enum { U, Y, STEPS, GAIN, T, FAULT, INVERT, IS_HIGH };
 enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED };
 enum {
     NO_FAULT, STEP_DISCARD, STEP_ERROR, STEP_FATAL, NOT_A_NUMBER, STEP_PENDING, STEP_TERMINATE, STEP_EARLY, GET_ERROR, SET_ERROR, INIT_ERROR,
-    STEP_WARNING, OUT_OF_RANGE, LOGS_NONSENSE, NO_BOOLEAN, STEP_UNKNOWN
+    STEP_WARNING, OUT_OF_RANGE, LOGS_NONSENSE, NO_BOOLEAN, STEP_UNKNOWN, LOGS
 };
 
 typedef struct {
@@ -27,7 +29,11 @@ typedef struct {
     int32_t steps, fault, invert;
     int state, has_failed, is_fatal;
     void (*log)(void);
+    void *environment;
+    bool is_debugged;
 } Model;
+
+static void say(const Model *m, int status, const char *category, const char *text);
 
 static int faulty(const Model *m, int fault) { return m->fault == fault && m->steps >= 4; }
 
@@ -41,18 +47,49 @@ static void alive(const Model *m) {
     if (m->is_fatal) abort();
 }
 
-static Model *create(const char *token) {
-    if (strcmp(token, TOKEN) != 0) return NULL;
+static Model *refuse(Model *m, const char *why) {
+    say(m, ERROR, "logStatusError", why);
+    free(m);
+    return NULL;
+}
+
+/* `resources` is the path of a folder, with a separator at its end. */
+static Model *create(const char *token, const char *resources, void (*log)(void), void *environment, bool is_debugged) {
     Model *m = calloc(1, sizeof *m);
-    if (m != NULL) {
-        m->gain = 1.0;
-        m->t = 1.0;
-    }
+    if (m == NULL) return NULL;
+    m->log = log;
+    m->environment = environment;
+    m->is_debugged = is_debugged;
+    m->gain = 1.0;
+    m->t = 1.0;
+#ifdef MUTE
+    free(m);
+    return NULL;
+#endif
+    if (is_debugged) say(m, OK, "logEvents", "instantiating");
+    if (strcmp(token, TOKEN) != 0) return refuse(m, "the token is another one");
+    if (environment == NULL) return refuse(m, "there is no environment");
+    size_t length = resources == NULL ? 0 : strlen(resources);
+    if (length < 2 || resources[0] != '/' || resources[length - 1] != '/') return refuse(m, "the path of the resources is none of the standard");
+    DIR *folder = opendir(resources);
+    if (folder == NULL) return refuse(m, "the folder of the resources is not there");
+    closedir(folder);
+#ifdef READS
+    char path[8192];
+    if (length > 4096) return refuse(m, "the path of the resources is too long");
+    snprintf(path, sizeof path, "%s%s", resources, "y.txt");
+    FILE *file = fopen(path, "r");
+    if (file == NULL) return refuse(m, "y.txt is not in the resources");
+    int count = fscanf(file, "%lf", &m->y);
+    fclose(file);
+    if (count != 1) return refuse(m, "there is no number in y.txt");
+#endif
     return m;
 }
 
 static int enter(Model *m) {
     alive(m);
+    if (m->fault == INIT_ERROR) say(m, ERROR, "logStatusError", "it does not converge");
     if (m->state != INSTANTIATED || m->fault == INIT_ERROR) return fails(m, ERROR);
     m->state = INITIALIZING;
     return OK;
@@ -89,6 +126,11 @@ __attribute__((unused)) static int step(Model *m, double at, double by) {
     if (faulty(m, STEP_PENDING)) return fails(m, PENDING);
     if (faulty(m, STEP_UNKNOWN)) return fails(m, 42);
     if (faulty(m, LOGS_NONSENSE)) log_nonsense(m);
+    if (faulty(m, LOGS)) {
+        say(m, WARNING, "logStatusWarning", "hot");
+        say(m, OK, "logEvents", "a step");
+        say(m, ERROR, NULL, "too hot\n");
+    }
     double target = m->gain * (m->invert ? -m->u : m->u);
     m->y = target + (m->y - target) * exp(-by / m->t);
     m->now += by;
@@ -144,6 +186,20 @@ static int set_integer(Model *m, const unsigned *vr, size_t n, const int32_t *fr
 typedef void *Component;
 typedef void (*Log)(void *environment, const char *name, int status, const char *category, const char *message, ...);
 
+typedef struct {
+    void (*log)(void);
+    void *(*allocate)(size_t, size_t);
+    void (*free)(void *);
+    void (*finished)(void *, int);
+    void *environment;
+} Callbacks;
+
+/* With arguments that are of a double and an integer, and more than registers hold. */
+static void say(const Model *m, int status, const char *category, const char *text) {
+    ((Log)m->log)(m->environment, "lag", status, category, "%s (%g, %d, %g, %g, %g, %g, %g, %g, %g, %s)", text, 1.5, 7, 2.0, 3.0, 4.0, 5.0, 6.0,
+        7.0, 8.5, "end");
+}
+
 /* Without a look whether it was asked to log, as some do. */
 static void log_nonsense(const Model *m) {
     ((Log)m->log)(NULL, NULL, 99, NULL, "%s is %f of %d", "it", 1.5, 7);
@@ -161,12 +217,11 @@ EXPORT const char *fmi2GetVersion(void) { return "1.0"; }
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 #endif
 EXPORT Component fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const void *callbacks, int visible, int logging) {
-    (void)resources, (void)visible, (void)logging;
-    if (type != 1 || *name == 0 || callbacks == NULL) return NULL;
-    Model *m = create(guid);
-    /* It is the first of them. */
-    if (m != NULL) memcpy(&m->log, callbacks, sizeof m->log);
-    return m;
+    if (type != 1 || *name == 0 || callbacks == NULL || visible) return NULL;
+    const Callbacks *given = callbacks;
+    char path[4096] = "";
+    if (resources != NULL && strncmp(resources, "file:///", 8) == 0) snprintf(path, sizeof path, "%s/", resources + 7);
+    return create(guid, path, given->log, given->environment, logging);
 }
 EXPORT void fmi2FreeInstance(Component c) { destroy(c); }
 EXPORT int fmi2SetupExperiment(Component c, int has_tolerance, double tolerance, double start, int has_stop, double stop) {
@@ -203,6 +258,10 @@ EXPORT int fmi2DoStep(Component c, double at, double by, int is_final) {
 typedef void *Instance;
 typedef void (*Log)(void *environment, int status, const char *category, const char *message);
 
+static void say(const Model *m, int status, const char *category, const char *text) {
+    ((Log)m->log)(m->environment, status, category, text);
+}
+
 static void log_nonsense(const Model *m) {
     ((Log)m->log)(NULL, 99, NULL, NULL);
     ((Log)m->log)(NULL, PENDING, "\xff", NULL);
@@ -217,11 +276,11 @@ EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 #endif
 EXPORT Instance fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible, bool logging, bool events,
     bool early, const uint32_t *required, size_t n, void *environment, void *log, void *intermediate) {
-    (void)resources, (void)visible, (void)logging, (void)required, (void)environment, (void)intermediate;
-    if (*name == 0 || events || early || n != 0) return NULL;
-    Model *m = create(token);
-    if (m != NULL) memcpy(&m->log, &log, sizeof m->log);
-    return m;
+    (void)required;
+    if (*name == 0 || visible || events || early || n != 0 || log == NULL || intermediate != NULL) return NULL;
+    void (*logger)(void);
+    memcpy(&logger, &log, sizeof logger);
+    return create(token, resources, logger, environment, logging);
 }
 EXPORT void fmi3FreeInstance(Instance c) { destroy(c); }
 EXPORT int fmi3EnterInitializationMode(Instance c, bool has_tolerance, double tolerance, double start, bool has_stop, double stop) {
