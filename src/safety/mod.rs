@@ -43,7 +43,7 @@ pub use handle::{Safety, SafetyFunction, current};
 pub use luna_platform::panics::catch as catch_panic;
 pub(crate) use parent::ParentThread;
 pub use state::{Cause, Degree, ResetError, SafetyEvent, SafetyState};
-pub use watchdog::{Watchdog, WatchdogExpiry, WatchdogProcess};
+pub use watchdog::{Feeder, Watchdog, WatchdogExpiry, WatchdogProcess};
 
 #[doc(hidden)]
 #[deprecated(since = "0.1.0", note = "use `luna::safety::Safety`")]
