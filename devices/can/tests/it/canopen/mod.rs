@@ -4,6 +4,7 @@ mod clients;
 mod codings;
 mod nodes;
 mod process_data;
+mod supervision;
 mod transfers;
 
 use crate::common::{Bench, SpawnOk};
