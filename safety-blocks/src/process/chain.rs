@@ -1,6 +1,7 @@
 //! A chain as a process.
 
 use super::alarms::Alarms;
+use super::front::{Feedback, Front};
 use super::{Entered, Steps, put_out, taken};
 use crate::block::Sample;
 use crate::chain::Chain;
@@ -64,9 +65,6 @@ impl Signal for f64 {
     }
 }
 
-/// The limit of feedback values received at a time: a register holds one.
-const MAX_AT_ONCE: usize = 16;
-
 /// A [`Chain`] between two channels: each value that comes is judged, and one is put out for it.
 ///
 /// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one
@@ -128,22 +126,6 @@ pub struct ChainProcess<T = f64> {
     offered: Option<T>,
     /// The writers are gone, or have poisoned the channel.
     input_has_ended: bool,
-}
-
-/// Where the feedback comes from.
-struct Feedback {
-    values: Receiver<f64>,
-    oldest: Duration,
-    newest: Option<(f64, Instant)>,
-}
-
-/// The timeout before the chain.
-struct Front<T> {
-    timeout: Timeout,
-    reactor: Reactor,
-    steps: Steps,
-    deadline: Instant,
-    make: fn(f64) -> T,
 }
 
 impl Chain {
@@ -388,46 +370,6 @@ async fn deadline_or(deadline: Instant, mut entered: Pin<&mut SafeStateEntered>)
         Poll::Pending => deadline.as_mut().poll(cx),
     })
     .await;
-}
-
-impl<T: Signal> Front<T> {
-    fn begin(&mut self, now: Instant) {
-        self.steps.elapsed(now);
-        self.deadline = now + self.timeout.time();
-    }
-
-    fn step(&mut self, came: Option<T>, now: Instant, alarms: &mut Alarms) -> T {
-        if self.reactor.take_reset() {
-            self.timeout.reset();
-        }
-        let elapsed = self.steps.elapsed(now);
-        let verdict = self.timeout.step(came.map(|came| came.value()), elapsed);
-        // With a warning alone the last one holds.
-        let (value, alarm) = self.reactor.react(verdict, self.timeout.last(), elapsed);
-        if let Some(alarm) = alarm {
-            alarms.raise(alarm);
-        }
-        self.deadline = now
-            + match came {
-                Some(_) => self.timeout.time(),
-                None => self.timeout.repetition(),
-            };
-        came.unwrap_or_else(|| (self.make)(value)).with_value(value)
-    }
-}
-
-impl Feedback {
-    /// The newest, if it is not too old at `now`.
-    fn at(&mut self, now: Instant) -> Option<f64> {
-        for _ in 0..MAX_AT_ONCE {
-            match self.values.try_recv() {
-                Ok(value) => self.newest = Some((value, now)),
-                Err(_) => break,
-            }
-        }
-        let (value, came) = self.newest?;
-        (now - came <= self.oldest).then_some(value)
-    }
 }
 
 impl<T: Signal> Process for ChainProcess<T> {
