@@ -22,7 +22,7 @@ const MAX_ORDERS: usize = 100_000;
 /// So many communications before the one that is no part of a trace are reported.
 const BEFORE: usize = 8;
 /// After so many communications the progress is reported.
-const REPORT_EVERY: usize = 256;
+const REPORT_EVERY: usize = 64;
 
 /// A communication that was recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
