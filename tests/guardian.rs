@@ -18,6 +18,8 @@ mod linux {
     use luna::error::SetupError;
     use luna::prelude::*;
     use luna::safety::{Cause, Degree, Guardian};
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::{ForkResult, Pid, fork, pause};
     use std::fs;
     use std::io::{BufRead, BufReader};
     use std::path::{Path, PathBuf};
@@ -57,6 +59,10 @@ mod linux {
         }
         let tests = [
             ("killed at random instants", killed as fn(&Path)),
+            (
+                "killed, with a copy that holds the pipe",
+                outlived_by_a_copy,
+            ),
             ("an orderly end", orderly),
             (
                 "an emergency that went well, and one that did not",
@@ -96,6 +102,25 @@ mod linux {
                     .spawn(async move {
                         set_output(&machine, "moving");
                         println!("moving");
+                        std::future::pending().await
+                    })
+                    .unwrap();
+                system.run().unwrap();
+            }
+            "forking" => {
+                let mut system = system();
+                let main = system.executor("main").build().unwrap();
+                main.process("servo")
+                    .spawn(async move {
+                        set_output(&machine, "moving");
+                        // SAFETY: the child only sleeps: it takes no lock and runs no handler of
+                        // this program.
+                        match unsafe { fork() }.unwrap() {
+                            ForkResult::Child => loop {
+                                pause();
+                            },
+                            ForkResult::Parent { child } => println!("{child}"),
+                        }
                         std::future::pending().await
                     })
                     .unwrap();
@@ -175,6 +200,19 @@ mod linux {
             child.wait().unwrap();
             await_output(machine, "neutral by the guardian");
         }
+    }
+
+    /// A bare `fork` copies the pipe's end, which so outlives the program.
+    fn outlived_by_a_copy(machine: &Path) {
+        set_output(machine, "off");
+        let mut child = start("forking", machine);
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let copy = lines.next().unwrap().unwrap().parse().unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        await_output(machine, "neutral by the guardian");
+        // It still pauses, so its number is its own.
+        kill(Pid::from_raw(copy), Signal::SIGKILL).unwrap();
     }
 
     fn orderly(machine: &Path) {

@@ -26,6 +26,7 @@ mod print;
 mod production_cell;
 #[cfg(target_os = "linux")]
 mod programs;
+mod progress;
 mod record;
 mod report;
 mod scope;

@@ -11,7 +11,8 @@ use std::time::Duration;
 /// it [must change](Self::must_change), by a number other than the last. Guards against an absent
 /// operator, and against a console, or a link to it, that is dead or repeats itself. When the time
 /// is over, or the key has been [held too long](Self::held_at_most) (tied down, operator asleep),
-/// it counts as released until it has actually been released.
+/// it counts as released until it has actually been released. That is a fault, also if the release
+/// is what shows it: a late key hides no silence.
 ///
 /// Bound: a release in the same step; other faults at their time. As a process
 /// ([`DeadManProcess`](crate::DeadManProcess)) it wakes up by itself at that instant. Does not
@@ -90,27 +91,13 @@ impl DeadMan {
     /// # Errors
     ///
     /// The key is not held, or does not count as held: [`Fault::Released`], [`Fault::Silent`],
-    /// [`Fault::HeldTooLong`].
+    /// [`Fault::HeldTooLong`]. A release that comes too late is the fault, once.
     pub fn step(&mut self, key: Option<u32>, elapsed: Duration) -> Result<(), Fault> {
-        if let State::Held {
-            unrefreshed, held, ..
-        } = &mut self.state
-        {
-            *unrefreshed = unrefreshed.saturating_add(elapsed);
-            *held = held.saturating_add(elapsed);
-            let (unrefreshed, held) = (*unrefreshed, *held);
-            // Checked before the key, so that a late key does not hide its delay.
-            if unrefreshed >= self.time {
-                self.state = State::Spent(Fault::Silent {
-                    time: unrefreshed,
-                    limit: self.time,
-                });
-            } else if held >= self.longest {
-                self.state = State::Spent(Fault::HeldTooLong {
-                    time: held,
-                    limit: self.longest,
-                });
-            }
+        let before = self.state;
+        self.pass(elapsed);
+        if let (State::Held { .. }, State::Spent(fault), Some(0)) = (before, self.state, key) {
+            self.state = State::Released;
+            return Err(fault);
         }
         self.state = match (key, self.state) {
             (Some(0), _) => State::Released,
@@ -128,10 +115,51 @@ impl DeadMan {
             }
             (_, state) => state,
         };
+        self.judged()
+    }
+
+    /// No key comes any more, `elapsed` after the call before. One that is held then is a fault;
+    /// one that had been released, or counted as that, is released.
+    pub(crate) fn end(&mut self, elapsed: Duration) -> Result<(), Fault> {
+        let before = self.state;
+        self.pass(elapsed);
+        self.state = match (before, self.state) {
+            (State::Held { .. }, State::Spent(fault)) => State::Spent(fault),
+            (State::Held { .. }, _) => State::Spent(Fault::KeyLost),
+            _ => State::Released,
+        };
+        self.judged()
+    }
+
+    fn judged(&self) -> Result<(), Fault> {
         match self.state {
             State::Held { .. } => Ok(()),
             State::Released => Err(Fault::Released),
             State::Spent(fault) => Err(fault),
+        }
+    }
+
+    /// Time passes for a key that is held. Before a new key is looked at, so that a late one does
+    /// not hide its delay.
+    fn pass(&mut self, elapsed: Duration) {
+        if let State::Held {
+            unrefreshed, held, ..
+        } = &mut self.state
+        {
+            *unrefreshed = unrefreshed.saturating_add(elapsed);
+            *held = held.saturating_add(elapsed);
+            let (unrefreshed, held) = (*unrefreshed, *held);
+            if unrefreshed >= self.time {
+                self.state = State::Spent(Fault::Silent {
+                    time: unrefreshed,
+                    limit: self.time,
+                });
+            } else if held >= self.longest {
+                self.state = State::Spent(Fault::HeldTooLong {
+                    time: held,
+                    limit: self.longest,
+                });
+            }
         }
     }
 

@@ -123,6 +123,9 @@ pub enum Fault {
         /// The longest that is allowed.
         limit: Duration,
     },
+    /// A dead-man's key was held when its writers ended: nothing can release it any more.
+    #[error("the key was held when its writers ended; release it before they end")]
+    KeyLost,
     /// One of two channels has no valid value.
     #[error("channel {channel:?} has no valid value")]
     Missing {

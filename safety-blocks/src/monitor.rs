@@ -17,6 +17,7 @@ struct Seen {
     refused: AtomicU64,
     is_held: AtomicBool,
     is_reset: AtomicBool,
+    is_retired: AtomicBool,
 }
 
 impl Monitor {
@@ -44,6 +45,19 @@ impl Monitor {
     /// seen and its fault; if the fault is still there, it is found again.
     pub fn reset(&self) {
         self.0.is_reset.store(true, Ordering::Release);
+    }
+
+    /// States that the writers are about to end on purpose: their end is no silence. For a
+    /// [timeout](crate::ChainProcess::timeout) and an [`AgreementProcess`](crate::AgreementProcess)
+    /// with [`Reaction::SafeState`](crate::Reaction::SafeState) or
+    /// [`Reaction::Emergency`](crate::Reaction::Emergency), before the writers end. While they
+    /// exist nothing changes: a silence is found as before.
+    pub fn retire(&self) {
+        self.0.is_retired.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn is_retired(&self) -> bool {
+        self.0.is_retired.load(Ordering::Acquire)
     }
 
     pub(crate) fn take_reset(&self) -> bool {

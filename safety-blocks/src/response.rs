@@ -158,6 +158,15 @@ impl Reactor {
         self.monitor.clone()
     }
 
+    /// Whether the end of the writers, which neutral alone does not answer, counts as a silence.
+    pub(crate) fn outlives_its_writers(&self) -> bool {
+        let is_wanted = matches!(
+            self.response.reaction,
+            Reaction::SafeState | Reaction::Emergency
+        );
+        is_wanted && !self.monitor.is_retired()
+    }
+
     /// Whether a reset was requested since the last call; if so the fault is cleared.
     pub fn take_reset(&mut self) -> bool {
         let is_asked = self.monitor.take_reset();

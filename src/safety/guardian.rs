@@ -8,17 +8,19 @@
 //! other pipes never end, and shares its pages until each is written, when memory may be short. And
 //! it learns of the death from the end of a pipe, not from a signal that the kernel sends at the
 //! parent's death: that one is sent at the end of the *thread* that made the child, can be lost
-//! between the start and the set-up, and is reset by a program with other privileges.
+//! between the start and the set-up, and is reset by a program with other privileges. A child of a
+//! bare `fork` has a copy of the pipe's end: so [`guard`] also waits for a descriptor of the
+//! program itself.
 
 use super::emergency::Emergency;
 use super::state::{Cause, Degree};
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use luna_platform::memory;
-use luna_platform::parent::outlive_requests;
+use luna_platform::parent::{ParentWatch, outlive_requests};
 use luna_platform::thread::{Attributes, EMERGENCY_PRIORITY, Policy, apply_to_current};
 use std::ffi::{OsStr, OsString};
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
@@ -115,7 +117,8 @@ impl Guardian {
 /// `prepare` makes what is needed, such as a device that is opened; what it gives is handed to
 /// `neutral` when the system's program was killed. In between the guardian sleeps: in a session of
 /// its own, deaf to SIGINT, SIGTERM and SIGHUP, with its memory locked and at the priority of the
-/// emergency functions, as far as it is allowed to.
+/// emergency functions, as far as it is allowed to. A child of the system's program that holds a
+/// copy of its descriptors does not keep the guardian waiting (Linux 5.3 or later).
 ///
 /// ```no_run
 /// # fn build() -> luna::System { luna::System::new("arm") }
@@ -135,6 +138,7 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
         return;
     }
     outlive_requests();
+    let parent = Parent::watch();
     let prepared = match prepare() {
         Ok(prepared) => prepared,
         Err(error) => {
@@ -152,13 +156,17 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
         // The system's program has ended, or has closed the pipe.
         std::process::exit(1);
     }
-    let mut byte = [0];
-    loop {
-        match input.read(&mut byte) {
-            Ok(0) => break,
-            Ok(_) => {
-                last.rotate_left(1);
-                last[FAREWELL.len() - 1] = byte[0];
+    while parent.has_input() {
+        // All that its buffer takes: what is left there would not be waited for.
+        match input.fill_buf() {
+            Ok([]) => break,
+            Ok(bytes) => {
+                for byte in bytes {
+                    last.rotate_left(1);
+                    last[FAREWELL.len() - 1] = *byte;
+                }
+                let length = bytes.len();
+                input.consume(length);
             }
             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
             Err(_) => break,
@@ -168,6 +176,27 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
         neutral(prepared);
     }
     std::process::exit(0);
+}
+
+/// The system's program, as its guardian sees it: a copy of it that holds the other end of the pipe
+/// open is not it.
+struct Parent(Option<ParentWatch>);
+
+impl Parent {
+    /// Watches it, where the system can; the pipe's end remains otherwise.
+    fn watch() -> Self {
+        Self(ParentWatch::new().ok())
+    }
+
+    /// Waits for input. Returns false if the program has ended and left none.
+    fn has_input(&self) -> bool {
+        #[cfg(unix)]
+        if let Some(watch) = &self.0 {
+            use std::os::fd::AsFd;
+            return watch.wait_for_input(std::io::stdin().as_fd());
+        }
+        true
+    }
 }
 
 /// A running guardian. Dropping this notifies it if all is safe, and waits for its end.

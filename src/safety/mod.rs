@@ -33,7 +33,7 @@ mod state;
 mod watchdog;
 
 pub use budget::{BudgetKind, BudgetOverrun, OnOverrun};
-pub(crate) use budget::{Budgets, Ledger};
+pub(crate) use budget::{Budgets, CycleWatch, Ledger};
 pub use emergency::emergency;
 pub(crate) use emergency::{Emergency, EmergencyThread, LIMIT};
 pub use entered::SafeStateEntered;
@@ -43,7 +43,7 @@ pub use handle::{Safety, SafetyFunction, current};
 pub use luna_platform::panics::catch as catch_panic;
 pub(crate) use parent::ParentThread;
 pub use state::{Cause, Degree, ResetError, SafetyEvent, SafetyState};
-pub use watchdog::{Watchdog, WatchdogExpiry, WatchdogProcess};
+pub use watchdog::{Feeder, Watchdog, WatchdogExpiry, WatchdogProcess};
 
 #[doc(hidden)]
 #[deprecated(since = "0.1.0", note = "use `luna::safety::Safety`")]

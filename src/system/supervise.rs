@@ -5,7 +5,7 @@ use super::conclusion::{Ended, conclude};
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
-use super::plan::{Phase, Plan, Running};
+use super::plan::{Members, Phase, Plan, Running};
 use super::quiescence::Lookout;
 use super::reaper::{Reaper, wait_until};
 use super::stolen::{Stolen, Window};
@@ -30,6 +30,10 @@ use std::time::Duration;
 /// and if there are always more.
 const SHORTEST_REST: Duration = Duration::from_millis(1);
 const LONGEST_REST: Duration = Duration::from_millis(16);
+
+/// How long after its budget a poll or cycle that does not end is found, at most. Shorter budgets
+/// would keep this thread busy.
+const OVERDUE_AFTER: Duration = Duration::from_millis(10);
 
 /// See [`System::run`](crate::System::run).
 pub(super) fn run(plan: &Plan) -> Result<Report> {
@@ -219,6 +223,19 @@ fn end(
     }
 }
 
+/// Looks for polls and cycles that do not end. Returns when to look again.
+fn look_for_overdue(members: &Members) -> Instant {
+    let now = Instant::now();
+    let ledgers = members.started.monitored();
+    let running = ledgers.filter(|(_, member)| !member.is_reaped());
+    let next = running.filter_map(|(_, member)| Some(member.ledger()?.look(now)));
+    let next = next.min().unwrap_or(Instant::NEVER);
+    if next == Instant::NEVER {
+        return next;
+    }
+    next.max(now + OVERDUE_AFTER)
+}
+
 fn report_stolen(running: &Running, window: &Window) {
     let log = &running.common.log;
     let arguments = [nanos(window.stolen), nanos(window.length())];
@@ -278,6 +295,11 @@ fn watch(
                 return lookout.into_found(plan, running);
             }
         }
+        // On a virtual clock budgets count another time than this thread's.
+        let overdue_at = match launched.clock.is_virtual() {
+            true => Instant::NEVER,
+            false => look_for_overdue(&plan.members()),
+        };
         let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
         for line in lines {
             notice!("{line}");
@@ -304,6 +326,7 @@ fn watch(
             }
         }
         let mut until = look_again.min(warn_again).min(next_sample);
+        until = until.min(overdue_at);
         until = until.min(pending.report_due());
         if let Some(file) = &mut file {
             if let Err(error) = file.look(&plan.parameters) {

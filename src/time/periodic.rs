@@ -10,6 +10,7 @@ use super::registry::{LoopName, Scope};
 use super::statistics::Statistics;
 use crate::error::{Result, SetupError};
 use crate::parameters::Reader;
+use crate::safety::CycleWatch;
 use luna_core::events;
 use luna_platform::clock::Instant;
 use std::panic::{RefUnwindSafe, UnwindSafe};
@@ -78,6 +79,8 @@ pub struct Periodic {
     began: Option<Instant>,
     /// Whether that cycle is still under way.
     in_cycle: bool,
+    /// For a cycle that never ends, if it has a budget.
+    watch: Option<CycleWatch>,
     /// Where the loop waits, if the system has a timer manager.
     timer_slot: Option<TimerSlot>,
     /// The parameters of the process that has made it.
@@ -180,6 +183,7 @@ fn make(name: &str, period: Duration) -> Result<Periodic> {
         guard: 0,
         began: None,
         in_cycle: false,
+        watch: None,
         timer_slot,
         parameters,
         prepared,

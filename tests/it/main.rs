@@ -46,6 +46,7 @@ mod loops_by_executor;
 mod loops_by_manager;
 mod never_run;
 mod operational;
+mod overdue_budgets;
 mod panic_hook;
 mod panics;
 mod par;

@@ -4,7 +4,7 @@
 use crate::common;
 use common::{PLACEMENTS, SpawnOk, watchdog};
 use luna::prelude::*;
-use luna::safety::Watchdog;
+use luna::safety::{Feeder, Watchdog};
 use luna::{Error, Timer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -150,6 +150,7 @@ fn a_process_that_calls_a_function() {
                     );
                     own.reset();
                 }
+                assert!(own.retire());
                 Ok(())
             });
         drop(watchdog);
@@ -157,25 +158,76 @@ fn a_process_that_calls_a_function() {
     }
 }
 
-/// A system with a watchdog ends when all processes that send its heartbeat have ended.
-#[test]
-fn the_process_ends_with_those_that_feed() {
-    let _watch = watchdog();
+/// The number of calls of a watchdog's process whose heartbeats `feed` sends. It has the only other
+/// handle.
+fn calls_after<F>(feed: impl FnOnce(Feeder) -> F) -> (luna::Result<()>, u32)
+where
+    F: Future<Output = luna::Result<()>> + Send + 'static,
+{
     let watchdog = Watchdog::new(50 * MS);
-    let own = watchdog.clone();
+    let calls = Arc::new(AtomicU32::new(0));
+    let own_calls = calls.clone();
     let mut system = System::new("ends");
+    system.virtual_clock();
     let executor = system.executor("main").build().unwrap();
-    executor
-        .process("watchdog")
-        .spawn_ok(watchdog.process(|| ()));
+    let process = watchdog.process(move || {
+        own_calls.fetch_add(1, Ordering::SeqCst);
+    });
+    executor.process("watchdog").spawn_ok(process);
+    executor.process("feeder").spawn_ok(feed(watchdog.feeder()));
     drop(watchdog);
-    executor.process("feeder").spawn_ok(async move {
-        own.feed();
-        luna::yield_now().await;
-        own.feed();
+    let ended = system.run().map(drop);
+    (ended, calls.load(Ordering::SeqCst))
+}
+
+/// A process that is guarded does not switch its watchdog off by its end, however it ends.
+#[test]
+fn the_end_of_what_feeds_is_an_expiry() {
+    let _watch = watchdog();
+    let (ended, calls) = calls_after(|feeder| async move {
+        feeder.feed();
+        luna::after(10 * MS).await;
+        feeder.feed();
         Ok(())
     });
-    system.run().unwrap();
+    assert!(ended.is_ok());
+    assert_eq!(calls, 1);
+    let (ended, calls) = calls_after(|feeder| async move {
+        feeder.feed();
+        Err(Error::System("the sensor is gone".to_owned()))
+    });
+    assert!(ended.is_err());
+    assert_eq!(calls, 1);
+    // It never began.
+    let (ended, calls) = calls_after(|feeder| async move {
+        drop(feeder);
+        Ok(())
+    });
+    assert!(ended.is_ok());
+    assert_eq!(calls, 1);
+}
+
+/// An end on purpose is announced; the process of the watchdog then ends too.
+#[test]
+fn a_watchdog_that_is_retired_does_not_expire() {
+    let _watch = watchdog();
+    let (ended, calls) = calls_after(|feeder| async move {
+        feeder.feed();
+        luna::after(10 * MS).await;
+        assert!(feeder.retire());
+        Ok(())
+    });
+    assert!(ended.is_ok());
+    assert_eq!(calls, 0);
+    // Too late: it has expired.
+    let (ended, calls) = calls_after(|feeder| async move {
+        feeder.feed();
+        luna::after(60 * MS).await;
+        assert!(!feeder.retire());
+        Ok(())
+    });
+    assert!(ended.is_ok());
+    assert_eq!(calls, 1);
 }
 
 /// A process of higher priority that occupies the processor does not hide its missing heartbeat

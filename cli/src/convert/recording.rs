@@ -3,19 +3,54 @@
 use super::Converted;
 use super::selection::Filter;
 use crate::failure::{Failure, failed};
+use crate::progress::Progress;
 use luna_logger::format::{Losing, Reader, Record};
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 
 /// How many errors are printed in full.
 const MAX_SAID: usize = 5;
 
+/// The file of a recording, which shows how far it is read.
+#[derive(Debug)]
+pub(crate) struct Watched {
+    file: File,
+    name: String,
+    read: u64,
+    /// 0 if it is not known.
+    length: u64,
+    progress: Progress,
+}
+
+impl Read for Watched {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read(buffer)?;
+        self.read += read as u64;
+        let (name, done, length) = (&self.name, self.read, self.length);
+        self.progress.show(|| match length {
+            0 => format!("reading {name}: {} MiB", done >> 20),
+            // It may grow meanwhile.
+            _ => format!("reading {name}: {} %", (done.min(length) * 100) / length),
+        });
+        Ok(read)
+    }
+}
+
 /// A recording that can be opened.
-pub(crate) fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
+pub(crate) fn open(path: &Path) -> Result<Reader<BufReader<Watched>>, Failure> {
     let file = File::open(path).map_err(failed(path))?;
-    let reader = Reader::new(BufReader::with_capacity(1 << 16, file));
+    let length = file.metadata().map_or(0, |about| about.len());
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    let watched = Watched {
+        name: name.to_string_lossy().into_owned(),
+        file,
+        read: 0,
+        length,
+        progress: Progress::new(),
+    };
+    let reader = Reader::new(BufReader::with_capacity(1 << 16, watched));
     reader.map_err(failed(path))
 }
 

@@ -14,6 +14,7 @@ mod tests;
 use crate::args;
 use crate::failure::{Failure, unusable};
 use crate::print::print;
+use crate::progress::Progress;
 use diagnosis::Diagnosis;
 use facts::cpu_time::{CpuTime, cpu_time};
 use finding::Finding;
@@ -53,11 +54,14 @@ pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
     let mut findings = look(&machine);
     // Another machine's files do not show how fast this one is.
     if machine.source.is_machine() {
+        let mut progress = Progress::new();
         if !arguments.no_measure {
+            progress.say("measuring this machine");
             let measured = measure(&machine, arguments.quick, &mut findings);
             findings.extend(measured);
         }
         if !arguments.no_self_test {
+            progress.say("testing the library on this machine");
             findings.extend(self_test::run_all());
         }
     }

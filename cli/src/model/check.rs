@@ -2,9 +2,10 @@
 
 use super::{UNKNOWN, read, write};
 use crate::failure::{Failure, failed};
+use crate::progress::Progress;
 use crate::text::Count;
 use clap::Args;
-use luna_model::{Exploration, Finding, FindingKind, Model, SpinCheck, TraceStep};
+use luna_model::{Exploration, Finding, FindingKind, Limit, Limits, Model, SpinCheck, TraceStep};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -21,6 +22,10 @@ pub(crate) struct Arguments {
     /// Look at so many states at most [default: what the model states, or 2 000 000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     max_states: Option<u32>,
+    /// Use so much memory for the states at most: bytes, or with K, M or G [default: half of what is
+    /// free, of the machine, its control groups and limits]
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    max_memory: Option<u64>,
     /// Let SPIN check it too: deadlocks, assertions, and the LTL properties of the model; needs
     /// `spin` and a C compiler
     #[arg(long)]
@@ -52,7 +57,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let limit = arguments
         .max_states
         .map_or(model.max_states(), |n| n as usize);
-    let explored = model.explore(limit);
+    let mut limits = Limits::of_states(limit);
+    if let Some(bytes) = arguments.max_memory {
+        limits = limits.bytes(bytes);
+    }
+    let mut progress = Progress::new();
+    let explored = model.explore_within(limits, |looked_at, known| {
+        progress.show(|| format!("{looked_at} states looked at, {known} known"));
+    });
+    drop(progress);
     let mut out = io::stdout().lock();
     let shown = print(&mut out, &arguments.file, &model, &explored);
     shown.map_err(Failure::Output)?;
@@ -60,7 +73,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut is_whole = explored.is_complete;
     let properties = model.ltl().count();
     if arguments.spin {
-        match model.check_with_spin() {
+        let mut progress = Progress::new();
+        progress.say("SPIN checks");
+        let checked = model.check_with_spin();
+        drop(progress);
+        match checked {
             Ok(found) => {
                 first = first.or_else(|| found.findings.first().cloned());
                 is_whole &= found.incomplete.is_empty();
@@ -95,6 +112,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     })
 }
 
+/// A number of bytes: `4096`, `512M`, `2G`.
+fn size(text: &str) -> Result<u64, String> {
+    let (number, shift) = match text.char_indices().last() {
+        Some((end, 'K' | 'k')) => (&text[..end], 10),
+        Some((end, 'M' | 'm')) => (&text[..end], 20),
+        Some((end, 'G' | 'g')) => (&text[..end], 30),
+        _ => (text, 0),
+    };
+    let number: u64 = number.parse().map_err(|_| "no size, such as 512M or 2G")?;
+    let bytes = number.checked_mul(1 << shift);
+    let bytes = bytes.filter(|bytes| *bytes > 0);
+    bytes.ok_or_else(|| "a size is at least 1, and below 2^64 bytes".to_owned())
+}
+
 fn print(
     out: &mut impl Write,
     file: &Path,
@@ -105,9 +136,14 @@ fn print(
     let channels = Count(model.channels() as u64, "channel");
     let states = explored.states;
     writeln!(out, "{}: {processes}, {channels}", model.name())?;
-    match explored.is_complete {
-        true => writeln!(out, "all {states} states were looked at")?,
-        false => writeln!(
+    match explored.limit {
+        None => writeln!(out, "all {states} states were looked at")?,
+        Some(Limit::Memory(bytes)) => writeln!(
+            out,
+            "{states} states were looked at, and there are more than {} MiB hold: raise --max-memory",
+            bytes >> 20
+        )?,
+        Some(_) => writeln!(
             out,
             "{states} states were looked at, and there are more: raise --max-states"
         )?,

@@ -4,6 +4,7 @@ use super::names::Names;
 use super::recording::Recording;
 use super::{UNKNOWN, read};
 use crate::failure::{Failure, failed};
+use crate::progress::Progress;
 use crate::text::Count;
 use clap::Args;
 use luna_model::{Communication, Rejected, TraceOptions, TraceVerdict, communication};
@@ -83,8 +84,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         unrecorded: names.unrecorded.clone(),
         hidden,
         max_states: arguments.max_states as usize,
+        ..TraceOptions::default()
     };
-    let traced = model.trace(&events, &options);
+    let mut progress = Progress::new();
+    let traced = model.trace_with(&events, &options, |accepted| {
+        let all = events.len();
+        progress.show(|| format!("{accepted} of {all} communications followed"));
+    });
+    drop(progress);
     let mut out = io::stdout().lock();
     let mut report = Report {
         out: &mut out,

@@ -74,7 +74,7 @@ pub fn describe(
             Reaction::Emergency,
         )?;
     let silence = Timeout::new(Duration::from_millis(50), 0.0)?;
-    let (safety, _monitor) = chain
+    let (safety, silence) = chain
         .process(asked, safe)
         .feedback(positions, Duration::from_millis(20))?
         .timeout("silence", silence, Response::new(Reaction::SafeState))?;
@@ -107,7 +107,7 @@ pub fn describe(
             match references.try_recv() {
                 Ok(new) => target = new,
                 Err(error) if error.is_empty() => {}
-                Err(_) => break, // the set-points have ended
+                Err(_) => break silence.retire(), // the set-points have ended: so does this
             }
             if let Ok(new) = angles.try_recv() {
                 angle = new;

@@ -32,6 +32,64 @@ fn check_that_does_not_see_all_exits_with_4() {
     assert!(text(&output.stdout).contains("raise --max-states"));
 }
 
+/// So many processes of 8 variables, of which each counts in its own time: more states than any
+/// memory holds.
+fn many(processes: usize) -> String {
+    let names: Vec<String> = (0..8).map(|number| format!("v{number}")).collect();
+    let types: Vec<String> = names
+        .iter()
+        .map(|name| format!("{name} = \"0..3\""))
+        .collect();
+    let steps = names
+        .iter()
+        .map(|name| format!("work; {name} = ({name} + 1) % 4"));
+    let steps: Vec<String> = steps.collect();
+    let steps = steps.join("; ");
+    format!(
+        "[process.Counter]\nvariables = {{ {} }}\nbody = \"loop {{ {steps} }}\"\n\n\
+         [system.part.counter]\nprocess = \"Counter\"\narray = {processes}\n",
+        types.join(", ")
+    )
+}
+
+#[test]
+fn check_ends_at_its_bound_of_memory_with_4() {
+    let path = file("many.toml");
+    fs::write(&path, many(200)).unwrap();
+    let name = path.display().to_string();
+    let output = luna_model(&["check", &name, "--max-memory", "4M"]);
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(4), "{said}");
+    assert!(said.contains("200 processes"), "{said}");
+    assert!(
+        said.contains("and there are more than 4 MiB hold: raise --max-memory"),
+        "{said}"
+    );
+    let output = luna_model(&["check", &name, "--max-memory", "4X"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("no size, such as 512M"));
+}
+
+/// Without a bound it takes half of what is free: here, below a limit of the address space. Before,
+/// such a program was aborted.
+#[cfg(target_os = "linux")]
+#[test]
+fn check_ends_below_the_limits_of_the_program() {
+    let path = file("many-limited.toml");
+    fs::write(&path, many(20)).unwrap();
+    let output = std::process::Command::new("sh")
+        .args(["-c", "ulimit -v 100000; exec \"$0\" model check \"$1\""])
+        .args([env!("CARGO_BIN_EXE_luna"), path.to_str().unwrap()])
+        .output()
+        .unwrap();
+    let said = text(&output.stdout);
+    let complained = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(4), "{said}{complained}");
+    assert!(said.contains("raise --max-memory"), "{said}");
+    // Progress is for terminals alone.
+    assert_eq!(complained, "");
+}
+
 #[test]
 fn a_wrong_model_exits_with_2_and_its_place() {
     let path = file("wrong.toml");

@@ -7,7 +7,7 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 use nix::unistd::getppid;
 use std::io;
-use std::os::fd::{AsFd, FromRawFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd, FromRawFd, OwnedFd};
 
 /// Watches the process that is this one's parent.
 #[derive(Debug)]
@@ -69,6 +69,38 @@ impl ParentWatch {
             }
             if is_ready(&waited[0]) {
                 return Watched::HasEnded;
+            }
+        }
+    }
+
+    /// Blocks until `input` has data or has ended, or until the parent has ended. Returns whether
+    /// the input has something: what the parent had written before its end comes first. So a copy of
+    /// the parent that holds the other end of a pipe open cannot keep this process waiting.
+    pub fn wait_for_input(&self, input: BorrowedFd<'_>) -> bool {
+        loop {
+            let watched = [Some(input), self.parent.as_ref().map(AsFd::as_fd)];
+            let watched = watched.into_iter().flatten();
+            let mut waited: Vec<_> = watched
+                .map(|fd| PollFd::new(fd, PollFlags::POLLIN))
+                .collect();
+            let timeout = match self.parent {
+                Some(_) => PollTimeout::NONE,
+                None => PollTimeout::ZERO,
+            };
+            // Interrupted, or out of memory for a moment: again.
+            if poll(&mut waited, timeout).is_err() {
+                continue;
+            }
+            let is_ready =
+                |one: &PollFd<'_>| one.revents().is_some_and(|events| !events.is_empty());
+            if is_ready(&waited[0]) {
+                return true;
+            }
+            let has_ended = waited.get(1).is_none_or(is_ready);
+            if has_ended {
+                // The parent may have written between the two looks of the kernel, and then ended.
+                let mut input = [PollFd::new(input, PollFlags::POLLIN)];
+                return poll(&mut input, PollTimeout::ZERO).is_ok_and(|ready| ready > 0);
             }
         }
     }

@@ -25,6 +25,12 @@ impl ParentWatch {
         match self.never {}
     }
 
+    /// There is none to wait for.
+    #[cfg(unix)]
+    pub fn wait_for_input(&self, _: std::os::fd::BorrowedFd<'_>) -> bool {
+        match self.never {}
+    }
+
     /// There is none to be stopped.
     pub fn stop(&self) {
         match self.never {}

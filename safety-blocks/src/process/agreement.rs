@@ -17,8 +17,9 @@ use std::time::Duration;
 /// When one value has come, the process waits `skew` for the other; then that one is missing in
 /// this round, and begins the next. When neither has come for `silence`, both are missing, again
 /// after each `silence`. A channel without writers, or poisoned, is missing from then on, without
-/// waiting. When both are gone, neutral is put out once, and the process ends. It also ends when
-/// its readers are gone.
+/// waiting. When both are gone, neutral is put out once, and the process ends; with a reaction that
+/// leads to a safe state or an emergency it does that first, when `silence` is over, unless
+/// [`Monitor::retire`] was called before. It also ends when its readers are gone.
 ///
 /// When the system enters a safe state it offers neutral at once, or within `skew` if it waits for
 /// the second value of a round (in a recorded system, with the next round), and goes on while the
@@ -118,7 +119,8 @@ impl AgreementProcess {
         self.reactor.monitor()
     }
 
-    async fn pass_on(&mut self) -> luna::Result<()> {
+    /// Returns until when a value was awaited, if both channels are gone.
+    async fn pass_on(&mut self) -> luna::Result<Option<Instant>> {
         self.alarms.begin();
         let mut steps = Steps::default();
         let mut entered = pin!(self.alarms.entered());
@@ -129,14 +131,14 @@ impl AgreementProcess {
             let awaited = entered.as_mut().as_pin_mut();
             let awaited = awaited.filter(|_| self.alarms.awaits_safe_state());
             let [a, b] = match self.round(end, awaited, offers).await? {
-                Round::Over => break,
+                Round::Over => return Ok(Some(end)),
                 Round::Values(values) => values,
                 Round::SafeState => {
                     self.alarms.note_safe_state();
                     offers = true;
                     continue;
                 }
-                Round::Taken(false) => break,
+                Round::Taken(false) => return Ok(None),
                 Round::Taken(true) => {
                     offers = false;
                     continue;
@@ -165,11 +167,26 @@ impl AgreementProcess {
             let entered = entered.as_mut().as_pin_mut().filter(|_| !is_neutral);
             let (output, alarms) = (&self.output, &mut self.alarms);
             if !put_out(output, value, entered, alarms, || neutral).await? {
-                break;
+                return Ok(None);
             }
             end = luna::now() + self.silence;
         }
-        Ok(())
+    }
+
+    /// Both channels are gone: that is a silence of both, found at `end`.
+    async fn fall_silent(&mut self, end: Instant) -> luna::Result<()> {
+        // A reader that does not take it must not hold the reaction up.
+        let neutral = self.reactor.neutral();
+        let _ = self.output.send_deadline(neutral, end).await;
+        luna::at(end).await;
+        if self.reactor.outlives_its_writers() {
+            let verdict = self.agreement.step(None, None, self.silence);
+            let (_, alarm) = self.reactor.react(verdict, neutral, self.silence);
+            if let Some(alarm) = alarm {
+                self.alarms.raise(alarm);
+            }
+        }
+        self.alarms.go_on()
     }
 
     /// The two values of one round, or none of them until `end`.
@@ -236,11 +253,14 @@ enum Event {
 
 impl Process for AgreementProcess {
     async fn run(&mut self) -> luna::Result<()> {
-        let ended = self.pass_on().await;
-        if ended.is_ok() {
-            // Readers that are gone need no neutral.
-            let _ = self.output.send(self.reactor.neutral()).await;
+        let ended = self.pass_on().await?;
+        match ended.filter(|_| self.reactor.outlives_its_writers()) {
+            Some(end) => self.fall_silent(end).await,
+            None => {
+                // Readers that are gone need no neutral.
+                let _ = self.output.send(self.reactor.neutral()).await;
+                Ok(())
+            }
         }
-        ended
     }
 }

@@ -1,6 +1,7 @@
 //! A chain as a process.
 
 use super::alarms::Alarms;
+use super::front::{Feedback, Front};
 use super::{Entered, Steps, put_out, taken};
 use crate::block::Sample;
 use crate::chain::Chain;
@@ -64,15 +65,14 @@ impl Signal for f64 {
     }
 }
 
-/// The limit of feedback values received at a time: a register holds one.
-const MAX_AT_ONCE: usize = 16;
-
 /// A [`Chain`] between two channels: each value that comes is judged, and one is put out for it.
 ///
 /// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one
 /// value. It sends each output before it receives the next value. When its writers are gone (or
 /// have poisoned the channel) it puts out neutral once and ends, so that neutral is the reader's
-/// last value; after an emergency it puts out nothing. When its readers are gone it ends.
+/// last value; after an emergency it puts out nothing. When its readers are gone it ends. With a
+/// [`timeout`](Self::timeout) that leads to a safe state or an emergency, the end of the writers is
+/// a silence: it does that at the timeout's instant, and ends then.
 ///
 /// When the system enters a [safe state](crate::Reaction::SafeState), from whatever source, it
 /// offers neutral at once, also while it waits for a value, until it is taken or the next value
@@ -124,22 +124,8 @@ pub struct ChainProcess<T = f64> {
     last: Option<T>,
     /// The value to put out for the safe state, unless another one comes before.
     offered: Option<T>,
-}
-
-/// Where the feedback comes from.
-struct Feedback {
-    values: Receiver<f64>,
-    oldest: Duration,
-    newest: Option<(f64, Instant)>,
-}
-
-/// The timeout before the chain.
-struct Front<T> {
-    timeout: Timeout,
-    reactor: Reactor,
-    steps: Steps,
-    deadline: Instant,
-    make: fn(f64) -> T,
+    /// The writers are gone, or have poisoned the channel.
+    input_has_ended: bool,
 }
 
 impl Chain {
@@ -155,6 +141,7 @@ impl Chain {
             is_of_sensor: false,
             last: None,
             offered: None,
+            input_has_ended: false,
         }
     }
 }
@@ -201,7 +188,13 @@ impl<T: Signal + From<f64>> ChainProcess<T> {
     /// Wakes up when nothing has come for the time of `timeout`, before the chain. It is called
     /// `name`. Depending on `response` it puts out its fall-back in place of neutral, or the last
     /// value in case of a warning; and again at its [repetition](Timeout::repeat), through the
-    /// chain.
+    /// chain. A set-point that comes later than that, while this process waited for it, does not
+    /// hide the silence before it.
+    ///
+    /// With [`Reaction::SafeState`](crate::Reaction::SafeState) or
+    /// [`Reaction::Emergency`](crate::Reaction::Emergency) writers that have ended, failed or
+    /// poisoned the channel are silent too: a controller does not switch that reaction off by its
+    /// end. Before an end on purpose call [`Monitor::retire`] of the monitor.
     ///
     /// Returns its monitor, too.
     ///
@@ -228,7 +221,8 @@ impl<T: Signal + From<f64>> ChainProcess<T> {
 }
 
 impl<T: Signal> ChainProcess<T> {
-    async fn pass_on(&mut self) -> luna::Result<()> {
+    /// Returns whether it was the writers that have ended.
+    async fn pass_on(&mut self) -> luna::Result<bool> {
         self.alarms.begin();
         let mut steps = Steps::default();
         if let Some(front) = &mut self.timeout {
@@ -278,18 +272,19 @@ impl<T: Signal> ChainProcess<T> {
                 *last
             };
             if !put_out(&self.output, signal, entered, alarms, neutral).await? {
-                break;
+                return Ok(false);
             }
         }
-        Ok(())
+        Ok(self.input_has_ended)
     }
 
-    /// What comes next, or the fall-back; nothing when the writers are gone.
+    /// What comes next, or the fall-back; nothing when the writers or the readers are gone.
     async fn next(&mut self, entered: Entered<'_>) -> luna::Result<Option<Came<T>>> {
         let deadline = self.timeout.as_ref().map(|front| front.deadline);
         // The newest signal: all of it but the value is used again.
         let last = self.last.filter(|_| !self.is_of_sensor);
         let awaited = entered.filter(|_| self.alarms.awaits_safe_state() && last.is_some());
+        let waits_from = deadline.map(|_| luna::now());
         let came = match (self.offered.take(), awaited, deadline) {
             (Some(neutral), ..) => match self.offer(neutral, deadline).await? {
                 Offered::Taken(true) => return Ok(Some(Came::Taken)),
@@ -307,8 +302,14 @@ impl<T: Signal> ChainProcess<T> {
         let came = match came {
             Ok(signal) => Some(signal),
             Err(RecvTimeoutError::Timeout) => None,
-            Err(RecvTimeoutError::Closed) => return Ok(None),
-            Err(RecvTimeoutError::Poisoned) => return Err(luna::Error::Poisoned),
+            Err(RecvTimeoutError::Closed) => {
+                self.input_has_ended = true;
+                return Ok(None);
+            }
+            Err(RecvTimeoutError::Poisoned) => {
+                self.input_has_ended = true;
+                return Err(luna::Error::Poisoned);
+            }
         };
         let Some(front) = &mut self.timeout else {
             // Given up for the safe state alone.
@@ -319,6 +320,12 @@ impl<T: Signal> ChainProcess<T> {
             && now < front.deadline
         {
             return Ok(Some(Came::SafeState(last)));
+        }
+        // While it was held up by its reader, the writer may have waited with a value in time.
+        let has_waited = waits_from.is_some_and(|begun| begun <= front.deadline);
+        if came.is_some() && has_waited && now > front.deadline {
+            front.step(None, now, &mut self.alarms);
+            self.alarms.go_on()?;
         }
         let signal = front.step(came, now, &mut self.alarms);
         self.alarms.go_on()?;
@@ -365,61 +372,36 @@ async fn deadline_or(deadline: Instant, mut entered: Pin<&mut SafeStateEntered>)
     .await;
 }
 
-impl<T: Signal> Front<T> {
-    fn begin(&mut self, now: Instant) {
-        self.steps.elapsed(now);
-        self.deadline = now + self.timeout.time();
-    }
-
-    fn step(&mut self, came: Option<T>, now: Instant, alarms: &mut Alarms) -> T {
-        if self.reactor.take_reset() {
-            self.timeout.reset();
-        }
-        let elapsed = self.steps.elapsed(now);
-        let verdict = self.timeout.step(came.map(|came| came.value()), elapsed);
-        // With a warning alone the last one holds.
-        let (value, alarm) = self.reactor.react(verdict, self.timeout.last(), elapsed);
-        if let Some(alarm) = alarm {
-            alarms.raise(alarm);
-        }
-        self.deadline = now
-            + match came {
-                Some(_) => self.timeout.time(),
-                None => self.timeout.repetition(),
-            };
-        came.unwrap_or_else(|| (self.make)(value)).with_value(value)
-    }
-}
-
-impl Feedback {
-    /// The newest, if it is not too old at `now`.
-    fn at(&mut self, now: Instant) -> Option<f64> {
-        for _ in 0..MAX_AT_ONCE {
-            match self.values.try_recv() {
-                Ok(value) => self.newest = Some((value, now)),
-                Err(_) => break,
-            }
-        }
-        let (value, came) = self.newest?;
-        (now - came <= self.oldest).then_some(value)
-    }
-}
-
 impl<T: Signal> Process for ChainProcess<T> {
     async fn run(&mut self) -> luna::Result<()> {
         let ended = self.pass_on().await;
         let is_over = matches!(&ended, Err(error) if !error.is_poisoned());
-        if let Some(last) = self.last
-            && !self.is_of_sensor
-            && !is_over
-        {
-            // Readers that are gone need no neutral.
-            let _ = self
-                .output
-                .send(last.with_value(self.chain.neutral()))
-                .await;
+        let neutral = self.last.filter(|_| !self.is_of_sensor && !is_over);
+        let neutral = neutral.map(|last| last.with_value(self.chain.neutral()));
+        let is_silent = match &ended {
+            Ok(writers_have_ended) => *writers_have_ended,
+            Err(error) => self.input_has_ended && error.is_poisoned(),
+        };
+        match &mut self.timeout {
+            Some(front) if is_silent && front.reactor.outlives_its_writers() => {
+                // A reader that does not take it must not hold the reaction up.
+                if let Some(neutral) = neutral {
+                    let _ = self.output.send_deadline(neutral, front.deadline).await;
+                }
+                luna::at(front.deadline).await;
+                if front.reactor.outlives_its_writers() {
+                    front.step(None, luna::now(), &mut self.alarms);
+                    self.alarms.go_on()?;
+                }
+            }
+            _ => {
+                if let Some(neutral) = neutral {
+                    // Readers that are gone need no neutral.
+                    let _ = self.output.send(neutral).await;
+                }
+            }
         }
-        ended
+        ended.map(drop)
     }
 }
 

@@ -14,8 +14,9 @@ use std::pin::pin;
 /// out.
 ///
 /// One value is put out for each that comes, and neutral at once when the key is released or its
-/// time is over. When the writers of keys are gone, or have poisoned the channel, the key is
-/// released. A release is no fault and no alarm, unless the response makes it one by
+/// time is over. When the writers of keys are gone, or have poisoned the channel, while the key is
+/// held, that is a fault at once ([`Fault::KeyLost`](crate::Fault::KeyLost)): release it before they
+/// end. A release is no fault and no alarm, unless the response makes it one by
 /// [`limited_for`](Response::limited_for). It recovers as the response specifies: with
 /// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key
 /// is held again. When the writers of values are gone it puts out neutral once, and ends; also when
@@ -161,20 +162,21 @@ impl DeadManProcess {
             }
             last = luna::now();
             let elapsed = steps.elapsed(last);
-            let key = match event {
-                // Writers that are gone do not come back.
-                Event::Key(None) => {
-                    has_keys = false;
-                    Some(0)
-                }
-                Event::Key(key) => key,
-                Event::Value(_) | Event::Time | Event::Taken(_) => None,
-            };
             if self.alarms.safe_state_is_over() {
                 self.reactor.rearm();
             }
             self.reactor.take_reset();
-            let key = self.dead_man.step(key, elapsed);
+            let key = match event {
+                // Writers that are gone do not come back.
+                Event::Key(None) => {
+                    has_keys = false;
+                    self.dead_man.end(elapsed)
+                }
+                Event::Key(key) => self.dead_man.step(key, elapsed),
+                Event::Value(_) | Event::Time | Event::Taken(_) => {
+                    self.dead_man.step(None, elapsed)
+                }
+            };
             let is_held = key.is_ok();
             match event {
                 Event::Value(None) => return Ok(()),

@@ -4,6 +4,7 @@ mod agreement;
 mod alarms;
 mod chain;
 mod dead_man;
+mod front;
 
 pub use agreement::AgreementProcess;
 pub use chain::{ChainProcess, Signal};

@@ -1,6 +1,7 @@
 //! A process' budgets while it runs: measured on its thread, read by the thread that runs the
 //! system.
 
+use super::under_way::UnderWay;
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, OnOverrun};
 use crate::error::Error;
 use crate::safety::{Cause, Emergency};
@@ -21,6 +22,7 @@ pub(crate) struct Ledger {
     has_begun: AtomicBool,
     /// The process is to be ended.
     ended_for_overrun: AtomicBool,
+    under_way: UnderWay,
     books: PiLock<Books>,
     /// Set when the process is started.
     system: OnceLock<(Arc<Emergency>, Arc<ProcessRegistry>)>,
@@ -33,6 +35,8 @@ struct Books {
     cycle: Overruns,
     /// The decision, if the process or the system is to end.
     offence: Option<Error>,
+    /// The overrun that was counted before it ended, by when it began.
+    counted: Option<(BudgetKind, Instant)>,
     /// The last overruns are not reported yet.
     is_unsaid: bool,
 }
@@ -50,6 +54,7 @@ impl Ledger {
             budgets,
             has_begun: AtomicBool::new(false),
             ended_for_overrun: AtomicBool::new(false),
+            under_way: UnderWay::default(),
             books: PiLock::new(Books::default()),
             system: OnceLock::new(),
         }
@@ -83,6 +88,78 @@ impl Ledger {
         self.ended_for_overrun.load(Ordering::Relaxed)
     }
 
+    /// A cycle of the process that is being polled begins: it is looked at until the result is
+    /// dropped. O(1), no allocation.
+    #[inline]
+    pub(crate) fn cycle_begins(now: Instant) -> Option<CycleWatch> {
+        let ledger = Self::current()?;
+        ledger.budgets.cycle.filter(|_| ledger.is_watched())?;
+        let place = ledger.under_way.cycle_begins(now)?;
+        Some(CycleWatch { ledger, place })
+    }
+
+    /// Whether a poll or cycle that never ends is looked for.
+    fn is_watched(&self) -> bool {
+        self.on_overrun() == OnOverrun::Emergency
+    }
+
+    /// Looks for a poll or cycle that has lasted for longer than its budget at `now`, which was read
+    /// before this call. Triggers the emergency if there is one. Returns when to look again. For
+    /// the thread that runs the system.
+    pub(crate) fn look(&self, now: Instant) -> Instant {
+        if !self.is_watched() {
+            return Instant::NEVER;
+        }
+        let under_way = [
+            (BudgetKind::Poll, self.budgets.poll, self.under_way.poll()),
+            (
+                BudgetKind::Cycle,
+                self.budgets.cycle,
+                self.under_way.first_cycle(),
+            ),
+        ];
+        let mut next = Instant::NEVER;
+        for (kind, budget, began) in under_way {
+            let Some(budget) = budget else { continue };
+            match began {
+                Some(began) if now.nanos_since(began) > nanos(budget) => {
+                    self.overdue(kind, budget, began, now);
+                }
+                // Those that begin after this look are found by the next.
+                began => next = next.min(began.unwrap_or(now) + budget),
+            }
+        }
+        next
+    }
+
+    fn overdue(&self, kind: BudgetKind, budget: Duration, began: Instant, now: Instant) {
+        let taken = now - began;
+        let mut books = self.books.lock();
+        if books.offence.is_some() {
+            return;
+        }
+        books.offence = Some(Error::BudgetOverrun {
+            kind,
+            budget,
+            taken,
+        });
+        books.counted = Some((kind, began));
+        let overruns = books.overruns(kind);
+        overruns.count += 1;
+        // What the kernel has counted of the thread is not known here.
+        let worst = BudgetOverrun {
+            at: began,
+            taken,
+            of_loop: None,
+            usage: None,
+        };
+        overruns.worst.get_or_insert((worst, None));
+        drop(books);
+        if let Some((emergency, _)) = self.system.get() {
+            emergency.trigger(Cause::Overrun);
+        }
+    }
+
     /// O(1), no allocation. Three system calls to read what the kernel has counted; one more to
     /// trigger the emergency, or for the first warning since the last one was printed.
     #[cold]
@@ -97,11 +174,9 @@ impl Ledger {
         let taken = now - began;
         let mut books = self.books.lock();
         let usage = books.accounting.turn(now);
-        let overruns = match kind {
-            BudgetKind::Poll => &mut books.poll,
-            BudgetKind::Cycle => &mut books.cycle,
-        };
-        overruns.count += 1;
+        let was_counted = books.counted == Some((kind, began));
+        let overruns = books.overruns(kind);
+        overruns.count += u64::from(!was_counted);
         let worst = overruns.worst.as_ref();
         if worst.is_none_or(|(worst, _)| worst.taken < taken) {
             let worst = BudgetOverrun {
@@ -189,8 +264,32 @@ impl Ledger {
     }
 }
 
+impl Books {
+    fn overruns(&mut self, kind: BudgetKind) -> &mut Overruns {
+        match kind {
+            BudgetKind::Poll => &mut self.poll,
+            BudgetKind::Cycle => &mut self.cycle,
+        }
+    }
+}
+
+/// A cycle that is under way.
+pub(crate) struct CycleWatch {
+    ledger: Arc<Ledger>,
+    place: usize,
+}
+
+impl Drop for CycleWatch {
+    fn drop(&mut self) {
+        self.ledger.under_way.cycle_ends(self.place);
+    }
+}
+
 impl PollMonitor for Ledger {
     fn poll_begins(&self, now: Instant) {
+        if self.budgets.poll.is_some() && self.is_watched() {
+            self.under_way.poll_begins(now);
+        }
         // The first reading is what the first overrun is counted from.
         if self.budgets.accounted || !self.has_begun.load(Ordering::Relaxed) {
             self.has_begun.store(true, Ordering::Relaxed);
@@ -199,6 +298,9 @@ impl PollMonitor for Ledger {
     }
 
     fn poll_ends(&self, began: Instant, now: Instant) -> Verdict {
+        if self.budgets.poll.is_some() && self.is_watched() {
+            self.under_way.poll_ends();
+        }
         if let Some(budget) = self.budgets.poll
             && now.nanos_since(began) > nanos(budget)
         {

@@ -2,8 +2,9 @@
 //! it takes longer.
 
 mod ledger;
+mod under_way;
 
-pub(crate) use ledger::Ledger;
+pub(crate) use ledger::{CycleWatch, Ledger};
 
 use crate::error::SetupError;
 use crate::time::{UsageSince, short};
@@ -50,6 +51,10 @@ pub enum OnOverrun {
     /// itself in that poll has ended.
     Poison,
     /// The emergency functions run, then the system ends: [`End::Overrun`](crate::End::Overrun).
+    ///
+    /// Also if the poll or the cycle never ends: the thread that runs the system looks at the
+    /// process after its budget, at most 10 ms later if it gets a core (not on a virtual clock). So
+    /// for up to eight loops of a process at a time.
     Emergency,
 }
 

@@ -9,9 +9,11 @@ const NOT_STARTED: u64 = 0;
 /// Set when it has expired, beside the last feed. No instant reaches it: the clock would run for
 /// 292 years.
 const EXPIRED: u64 = 1 << 63;
+/// The watch is over, and there was no expiry. No expiry is this word, since times are smaller.
+const RETIRED: u64 = u64::MAX;
 
 fn is_expired(last: u64) -> bool {
-    last & EXPIRED != 0
+    last & EXPIRED != 0 && last != RETIRED
 }
 
 /// An instant in the word.
@@ -54,6 +56,7 @@ impl Heartbeat {
     pub(super) fn feed(&self, now: Instant) {
         self.change(|last| match last {
             NOT_STARTED => Some(time(now)),
+            RETIRED => None,
             last if is_expired(last) => None,
             // A feed does not undo the silence before it, even if no thread has looked yet.
             last if self.is_over(last, now) => Some(last | EXPIRED),
@@ -63,14 +66,36 @@ impl Heartbeat {
         });
     }
 
+    /// Ends the watch at `now`, for good; an expiry stays. Returns whether it did.
+    pub(super) fn retire(&self, now: Instant) -> bool {
+        let last = self.change(|last| match last {
+            RETIRED => None,
+            NOT_STARTED => Some(RETIRED),
+            last if is_expired(last) => None,
+            // As for a late feed: the silence before it counts.
+            last if self.is_over(last, now) => Some(last | EXPIRED),
+            _ => Some(RETIRED),
+        });
+        last == RETIRED
+    }
+
+    /// Whether the watch is over without an expiry.
+    pub(super) fn is_retired(&self) -> bool {
+        self.last.load(Ordering::Acquire) == RETIRED
+    }
+
     /// Looks at `now`. Returns when it will expire if it is not fed; `None` if it has expired.
     /// Begins the watch.
     pub(super) fn look(&self, now: Instant) -> Option<Instant> {
         let last = self.change(|last| match last {
             NOT_STARTED => Some(time(now)),
+            RETIRED => None,
             last if is_expired(last) => None,
             last => self.is_over(last, now).then_some(last | EXPIRED),
         });
+        if last == RETIRED {
+            return Some(Instant::NEVER);
+        }
         // A feed at the very end of the time is in time; one nanosecond later it is over.
         (!is_expired(last))
             .then(|| Instant::from_nanos(last).plus_nanos(self.timeout.saturating_add(1)))
@@ -79,6 +104,7 @@ impl Heartbeat {
     /// Forgets all, and begins a new watch at `now`.
     pub(super) fn reset(&self, now: Instant) {
         self.change(|last| match last {
+            RETIRED => None,
             last if is_expired(last) => Some(time(now).max((last & !EXPIRED) + 1)),
             // The thread was preempted since its look at the clock: a later feed stays.
             last => (last < time(now)).then_some(time(now)),
@@ -177,6 +203,26 @@ mod tests {
         heartbeat.feed(at(108));
         heartbeat.reset(at(103));
         assert_eq!(heartbeat.look(at(110)), Some(at(119)));
+    }
+
+    #[test]
+    fn a_retired_one_never_expires_and_an_expired_one_cannot_be_retired() {
+        for has_begun in [false, true] {
+            let heartbeat = match has_begun {
+                true => watched_from(100),
+                false => Heartbeat::new(Duration::from_nanos(10)),
+            };
+            assert!(heartbeat.retire(at(110)));
+            heartbeat.feed(at(111));
+            heartbeat.reset(at(112));
+            assert_eq!(heartbeat.look(at(1000)), Some(Instant::NEVER));
+            assert!(heartbeat.is_retired() && heartbeat.expiry().is_none());
+        }
+        // No thread has looked: the silence before counts all the same.
+        let heartbeat = watched_from(100);
+        assert!(!heartbeat.retire(at(111)) && !heartbeat.retire(at(112)));
+        assert!(!heartbeat.is_retired() && heartbeat.expiry().is_some());
+        assert_eq!(heartbeat.look(at(113)), None);
     }
 
     #[test]

@@ -25,6 +25,10 @@ const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 /// waiters wake. It then stays expired until it is [`reset`](Self::reset). The watch begins with
 /// the first feed or the first wait, not when it is made: a system's start does not count.
 ///
+/// What is guarded cannot switch it off by its end: a process that has ended, failed or was
+/// cancelled feeds no more, so the watchdog expires. One that ends on purpose says so before, by
+/// [`retire`](Self::retire). Give what is guarded a [`feeder`](Self::feeder), which cannot reset.
+///
 /// ```
 /// use luna::safety::Watchdog;
 /// use luna::prelude::*;
@@ -131,13 +135,42 @@ impl Watchdog {
         When::new(WatchdogExpiry(self))
     }
 
+    /// Ends the watch for good: it does not expire any more, and feeds and resets do nothing. For
+    /// what is guarded, before it ends on purpose. Returns false, and changes nothing, if it has
+    /// expired by now.
+    ///
+    /// Real-time path: yes; O(1).
+    ///
+    /// ```
+    /// let watchdog = luna::safety::Watchdog::new(std::time::Duration::from_secs(60));
+    /// watchdog.feed();
+    /// assert!(watchdog.retire() && !watchdog.has_expired());
+    /// ```
+    pub fn retire(&self) -> bool {
+        self.heartbeat.retire(Instant::now())
+    }
+
+    /// A handle for what is guarded: it feeds, and cannot reset. Not for the real-time path of
+    /// another process: make it at the set-up.
+    ///
+    /// ```
+    /// let watchdog = luna::safety::Watchdog::new(std::time::Duration::from_secs(60));
+    /// let feeder = watchdog.feeder();
+    /// feeder.feed();
+    /// assert!(!watchdog.has_expired());
+    /// ```
+    pub fn feeder(&self) -> Feeder {
+        Feeder(self.heartbeat.clone())
+    }
+
     /// A process, to be spawned, that calls `on_expiry` each time the watchdog expires; if it is
     /// reset after that, the watch goes on.
     ///
     /// Give it the highest priority of its executor, or an executor of its own above the processes
-    /// that it watches, since a callback comes as late as its process. The process ends, without a
-    /// call, when no other handle is left and so no feed can come; it notices that when it next
-    /// would have expired. `on_expiry` runs on the real-time path: it must not block.
+    /// that it watches, since a callback comes as late as its process. If all other handles are
+    /// gone, no feed can come: it expires, and calls. The process ends after that call, or, without
+    /// one, when the watchdog was [retired](Self::retire); it notices that when it next would have
+    /// expired. `on_expiry` runs on the real-time path: it must not block.
     ///
     /// ```
     /// use luna::safety::Watchdog;
@@ -172,6 +205,24 @@ impl Watchdog {
     }
 }
 
+/// Feeds a [`Watchdog`]: the handle of what is guarded, from [`Watchdog::feeder`]. Dropping it
+/// ends no watch: the watchdog expires. Clones feed the same one.
+#[derive(Debug, Clone)]
+pub struct Feeder(Shared<Heartbeat>);
+
+impl Feeder {
+    /// As [`Watchdog::feed`].
+    #[inline]
+    pub fn feed(&self) {
+        self.0.feed(Instant::now());
+    }
+
+    /// As [`Watchdog::retire`]: before an end on purpose.
+    pub fn retire(&self) -> bool {
+        self.0.retire(Instant::now())
+    }
+}
+
 /// What [`Watchdog::expired`] waits for.
 #[derive(Debug)]
 pub struct WatchdogExpiry<'a>(&'a Watchdog);
@@ -200,9 +251,12 @@ pub struct WatchdogProcess<F> {
 impl<F: FnMut() + Send> Process for WatchdogProcess<F> {
     async fn run(&mut self) -> Result<()> {
         loop {
-            self.watchdog.expired().await;
-            if self.watchdog.is_alone() {
-                return Ok(());
+            // Not `expired`, which waits for ever for one that is retired.
+            while let Some(due) = self.watchdog.heartbeat.look(Instant::now()) {
+                if self.watchdog.heartbeat.is_retired() {
+                    return Ok(());
+                }
+                luna_channels::at(due).await;
             }
             let expiry = self.watchdog.heartbeat.expiry();
             (self.on_expiry)();

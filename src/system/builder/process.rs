@@ -137,8 +137,8 @@ impl ProcessBuilder {
     /// processor until it awaits something that is not there yet. Measured by the clock on the
     /// wall, for about 50 ns a poll; [`OnOverrun`] sets what happens after a poll that took longer.
     ///
-    /// A poll that never ends is never measured: a [`Watchdog`](crate::safety::Watchdog) finds
-    /// that. The time counts also while another thread has taken the processor: the report
+    /// A poll that never ends is found with [`OnOverrun::Emergency`] alone, by the thread that runs
+    /// the system; else use a [`Watchdog`](crate::safety::Watchdog). The time counts also while another thread has taken the processor: the report
     /// separates the two.
     ///
     /// ```
@@ -164,7 +164,8 @@ impl ProcessBuilder {
     /// Allows the process so much time for a cycle of each of its loops, that is from when the
     /// cycle begins until the loop calls [`next`](crate::Periodic::next). How late the cycle began
     /// does not count, since another process caused that: [`LateCycle`](crate::report::LateCycle)
-    /// looks for the cause. What it waits for within the cycle does.
+    /// looks for the cause. What it waits for within the cycle does, for ever too: see
+    /// [`OnOverrun::Emergency`]. A loop that is dropped has no cycle any more.
     ///
     /// ```
     /// use luna::prelude::*;

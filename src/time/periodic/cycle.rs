@@ -67,6 +67,7 @@ impl Periodic {
         self.statistics().late.asked(asked, run);
         let now = self.wait_until_slot(asked, target).await;
         let cycle = self.begin_cycle(target, now);
+        self.watch = Ledger::cycle_begins(now);
         if current::has_replay_log() {
             replay::note_cycle([
                 cycle.number,
@@ -85,6 +86,7 @@ impl Periodic {
         let Some(began) = self.began.filter(|_| std::mem::take(&mut self.in_cycle)) else {
             return (None, Then::GoOn);
         };
+        self.watch = None;
         let run = asked.nanos_since(began);
         self.statistics().report.run_time.record(run);
         // The ledger of the process that runs this cycle: a loop may be handed on.

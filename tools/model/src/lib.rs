@@ -54,6 +54,7 @@ mod explore;
 mod file;
 mod generate;
 mod language;
+mod memory;
 mod model;
 mod network;
 mod properties;
@@ -67,9 +68,11 @@ mod trace;
 pub use cspm::CspmError;
 pub use explore::words::communication;
 pub use explore::{
-    DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, StepParts, Stuck, TraceStep, Unreached,
+    DEFAULT_MAX_STATES, Exploration, Finding, FindingKind, Limit, Limits, StepParts, Stuck,
+    TraceStep, Unreached,
 };
 pub use generate::{File, Luna, is_luna, package_name};
+pub use memory::default_memory;
 pub use model::{Model, TEMPLATE};
 pub use recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 pub use running::{Difference, SystemModel, Wiring};

@@ -3,7 +3,7 @@
 use crate::cspm::{CspmError, cspm};
 use crate::draw;
 use crate::elaborate::elaborate;
-use crate::explore::{DEFAULT_MAX_STATES, Exploration, explore};
+use crate::explore::{DEFAULT_MAX_STATES, Exploration, Limits, explore};
 use crate::file::{Document, read};
 use crate::generate::{self, File};
 use crate::network::Network;
@@ -93,11 +93,39 @@ impl Model {
     /// Looks at all states, at most `max_states` of them: for deadlocks, livelocks, assertions, the
     /// properties of `check.always`, and branches that no run takes.
     ///
-    /// Not real-time. A state takes 4 bytes for each process, variable and place in a buffer, and
-    /// some 60 bytes more.
+    /// It takes [half of the free memory](crate::default_memory()) at most:
+    /// see [`explore_within`](Self::explore_within).
     #[must_use]
     pub fn explore(&self, max_states: usize) -> Exploration {
-        explore(&self.network, max_states.min(u32::MAX as usize))
+        self.explore_within(Limits::of_states(max_states), |_, _| ())
+    }
+
+    /// As [`explore`](Self::explore), within other limits. Calls `progress` now and then with the
+    /// number of states that were looked at, and of those that are known.
+    ///
+    /// At the limit of states, those that are known are looked at, and no more; at that of memory it
+    /// ends at once. What was found until then is found, with the shortest ways.
+    ///
+    /// Not real-time. Equal parts of states are kept once: a state takes some 100 bytes, and some 16
+    /// for each pair of values that no state had before.
+    ///
+    /// ```
+    /// use luna_model::{Limit, Limits, Model};
+    ///
+    /// let model = Model::parse("first.toml", luna_model::TEMPLATE)?;
+    /// let limits = Limits::of_states(model.max_states()).bytes(1000);
+    /// let explored = model.explore_within(limits, |_, _| ());
+    /// assert_eq!(explored.limit, Some(Limit::Memory(1000)));
+    /// assert!(!explored.is_complete);
+    /// # Ok::<(), luna_model::Problem>(())
+    /// ```
+    #[must_use]
+    pub fn explore_within(
+        &self,
+        limits: Limits,
+        mut progress: impl FnMut(usize, usize),
+    ) -> Exploration {
+        explore(&self.network, limits, &mut progress)
     }
 
     /// Whether communications are a trace of the model: whether one of its runs has them, and no
@@ -138,7 +166,23 @@ impl Model {
     /// [`ended`](crate::TraceOptions::ended), is none of the model.
     #[must_use]
     pub fn trace(&self, events: &[Communication], options: &TraceOptions) -> Traced {
-        trace::trace(&self.network, events, options)
+        self.trace_with(events, options, |_| ())
+    }
+
+    /// As [`trace`](Self::trace). Calls `progress` now and then with the number of communications
+    /// that are a trace so far.
+    ///
+    /// # Panics
+    ///
+    /// As [`trace`](Self::trace).
+    #[must_use]
+    pub fn trace_with(
+        &self,
+        events: &[Communication],
+        options: &TraceOptions,
+        mut progress: impl FnMut(usize),
+    ) -> Traced {
+        trace::trace(&self.network, events, options, &mut progress)
     }
 
     /// The model in Promela, the language of SPIN.

@@ -1,7 +1,7 @@
 //! What is wrong with a model, for the page.
 
 use crate::model::schedule;
-use luna_model::Model;
+use luna_model::{Limit, Model};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -29,6 +29,7 @@ pub(super) fn check(model: &Model, max_states: usize) -> Value {
         "type": "checked",
         "states": explored.states,
         "is_complete": explored.is_complete,
+        "is_out_of_memory": matches!(explored.limit, Some(Limit::Memory(_))),
         "findings": findings.collect::<Vec<_>>(),
         "unreached": unreached.collect::<Vec<_>>(),
     })

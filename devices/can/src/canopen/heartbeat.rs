@@ -50,7 +50,7 @@ struct Watch {
     limit: Duration,
     on_missed: OnMissed,
     state: Option<NmtState>,
-    /// None before the first heartbeat, after a boot-up, and after a missed heartbeat.
+    /// None before the first heartbeat, unless that is due too, and after a missed heartbeat.
     deadline: Option<Instant>,
 }
 
@@ -59,7 +59,7 @@ impl Watch {
     fn note(&mut self, beat: Heartbeat) -> Option<NodeEvent> {
         let before = self.state.replace(beat.state);
         if beat.state == NmtState::BootUp {
-            self.deadline = None;
+            // The deadline stays: a node that restarts again and again sends no heartbeat.
             return Some(NodeEvent::BootUp(beat.node));
         }
         self.deadline = Some(luna::now() + self.limit);
@@ -70,33 +70,58 @@ impl Watch {
 /// Watches the heartbeats of nodes, to be spawned: see
 /// [`Network::heartbeats`](super::Network::heartbeats).
 ///
-/// A node is watched from its first heartbeat on, as object 1016h has it. A node that never sends
-/// one is not reported. A boot-up ends the watch until the next heartbeat.
+/// A node is watched from its first heartbeat on, as object 1016h has it; with
+/// [`first_within`](Self::first_within) from the beginning. From then on nothing that the node
+/// sends, or does not send, ends the watch: a boot-up is no heartbeat and puts nothing off. So a
+/// node that restarts is missed if its next heartbeat does not come in time.
 ///
 /// It does not wait for the reader of its reports: a report for which their channel has no room is
 /// dropped, and counted in [`Counts::unreported`]. So give that channel a buffer.
 ///
-/// It ends without an error when the controller is gone. With no [`OnMissed::Emergency`] it also
-/// ends when the receivers of its reports are gone; with one it goes on, for as long as anything
-/// else uses the network.
+/// It ends without an error when the controller has ended in order. With no
+/// [`OnMissed::Emergency`] it also ends when that fails, or when the receivers of its reports are
+/// gone. With one it goes on, for as long as anything else uses the network: readers of its reports
+/// that end or poison their channel end no watch, and after a failure of the controller no heartbeat
+/// can come, so the first that is due is missed.
 ///
 /// Real-time path: yes; no allocation, O(watches) a heartbeat.
 #[derive(Debug)]
 #[must_use = "a consumer is a process: spawn it"]
 pub struct HeartbeatConsumer {
     frames: Receiver<Frame>,
+    /// How many frames may wait.
+    queue: usize,
     events: Sender<NodeEvent>,
     counts: Counts,
     watches: Vec<Watch>,
+    first_within: Option<Duration>,
+}
+
+/// Why the wait for a frame ends.
+enum Woken {
+    Frame(Frame),
+    /// A heartbeat is due, or the reports have no receiver.
+    Over,
+    /// The controller has ended, in order or not.
+    Ended {
+        in_order: bool,
+    },
 }
 
 impl HeartbeatConsumer {
-    pub(super) fn new(frames: Receiver<Frame>, events: Sender<NodeEvent>, counts: Counts) -> Self {
+    pub(super) fn new(
+        frames: Receiver<Frame>,
+        queue: usize,
+        events: Sender<NodeEvent>,
+        counts: Counts,
+    ) -> Self {
         Self {
             frames,
+            queue,
             events,
             counts,
             watches: Vec::new(),
+            first_within: None,
         }
     }
 
@@ -110,6 +135,13 @@ impl HeartbeatConsumer {
             state: None,
             deadline: None,
         });
+        self
+    }
+
+    /// Also expects the first heartbeat of each node: it is missed when none has come in `time`
+    /// from the begin of this process. Without this, a node that never sends one is not watched.
+    pub fn first_within(mut self, time: Duration) -> Self {
+        self.first_within = Some(time);
         self
     }
 
@@ -131,52 +163,97 @@ impl HeartbeatConsumer {
     fn report(&self, event: NodeEvent) -> luna::Result<()> {
         match self.events.try_send(event) {
             Ok(()) => Ok(()),
-            Err(TrySendError::Full(_) | TrySendError::Closed(_)) => {
+            Err(TrySendError::Poisoned(_)) if self.can_end() => Err(Error::Poisoned),
+            Err(_) => {
                 self.counts.add_unreported(1);
                 Ok(())
             }
-            Err(_) => Err(Error::Poisoned),
         }
     }
 
-    async fn go_on(&mut self) -> luna::Result<()> {
+    /// Whether no watch is of an emergency: those outlive the readers of the reports.
+    fn can_end(&self) -> bool {
         let can_end = |watch: &Watch| watch.on_missed != OnMissed::Emergency;
-        let ends_unread = self.watches.iter().all(can_end);
+        self.watches.iter().all(can_end)
+    }
+
+    /// The next frame, until `due`. `late` frames were handled since then: those that waited by
+    /// then are heard, however late this process is, and a flood of others puts nothing off.
+    async fn next_frame(&self, is_read: bool, due: Option<Instant>, late: usize) -> Woken {
+        if late > self.queue {
+            return Woken::Over;
+        }
+        let reader = is_read.then_some(&self.events);
+        match self.frames.recv_unless(over(reader, due)).await {
+            Ok(frame) => Woken::Frame(frame),
+            Err(error) if error.is_timeout() => Woken::Over,
+            Err(error) => Woken::Ended {
+                in_order: error.is_closed(),
+            },
+        }
+    }
+
+    /// The controller has failed. Returns an error when a heartbeat is due that is an emergency.
+    async fn without_controller(&mut self) -> luna::Result<()> {
+        self.watches
+            .retain(|watch| watch.on_missed == OnMissed::Emergency);
+        let Some((due, watch)) = self.next() else {
+            return Ok(());
+        };
+        let (node, limit) = (watch.node, watch.limit);
+        luna::at(due).await;
+        Err(self.missed(node, limit))
+    }
+
+    fn missed(&self, node: NodeId, limit: Duration) -> Error {
+        let missed = HeartbeatMissed { node, limit };
+        // It allocates; there is nothing left to be in time for.
+        let error = off_path(|| luna::emergency(Error::other(missed)));
+        let _ = self.report(NodeEvent::Missed(node));
+        error
+    }
+
+    async fn go_on(&mut self) -> luna::Result<()> {
+        if let Some(time) = self.first_within {
+            let due = luna::now() + time;
+            let watches = self.watches.iter_mut();
+            watches.for_each(|watch| watch.deadline = Some(due));
+        }
         let mut is_read = true;
+        let mut late = 0;
         loop {
             let due = self.next().map(|(due, _)| due);
-            let reader = is_read.then_some(&self.events);
-            let received = match self.frames.recv_unless(over(reader, due)).await {
-                Ok(frame) => Some(frame),
-                Err(error) if error.is_timeout() => None,
-                Err(error) => return Err(error.into()),
-            };
-            if let Some(frame) = received {
-                if let Some(event) = Heartbeat::decode(&frame).and_then(|beat| self.note(beat)) {
-                    self.report(event)?;
+            match self.next_frame(is_read, due, late).await {
+                Woken::Frame(frame) => {
+                    let is_due = due.is_some_and(|due| due <= luna::now());
+                    late = if is_due { late + 1 } else { 0 };
+                    if let Some(event) = Heartbeat::decode(&frame).and_then(|beat| self.note(beat))
+                    {
+                        self.report(event)?;
+                    }
+                    continue;
                 }
-                continue;
+                Woken::Ended { in_order: true } => return Ok(()),
+                Woken::Ended { in_order: false } => return self.without_controller().await,
+                Woken::Over => late = 0,
             }
             let watch = match self.next() {
                 Some((due, watch)) if due <= luna::now() => watch,
                 // Its reports have no receiver any more.
                 _ => match self.events.ended().await {
-                    ChannelEnd::Poisoned => return Err(Error::Poisoned),
-                    ChannelEnd::Closed if ends_unread => return Ok(()),
-                    ChannelEnd::Closed => {
+                    _ if !self.can_end() => {
                         is_read = false;
                         continue;
                     }
+                    ChannelEnd::Poisoned => return Err(Error::Poisoned),
+                    ChannelEnd::Closed => return Ok(()),
                 },
             };
+            // A first heartbeat may have had another time.
             (watch.deadline, watch.state) = (None, None);
             let (node, limit, on_missed) = (watch.node, watch.limit, watch.on_missed);
             if on_missed == OnMissed::Emergency {
-                let missed = HeartbeatMissed { node, limit };
-                // It allocates; there is nothing left to be in time for.
-                let error = off_path(|| luna::emergency(Error::other(missed)));
-                let _ = self.report(NodeEvent::Missed(node));
-                return Err(error);
+                return Err(self.missed(node, limit));
             }
             self.report(NodeEvent::Missed(node))?;
         }

@@ -85,13 +85,14 @@ impl<P: Port> Network<P> {
     }
 
     /// A process that watches heartbeats, and reports to a channel. The controller does not end
-    /// before the receivers of these reports are gone.
+    /// before the receivers of these reports are gone. If it fails, no heartbeat can come: watches
+    /// with [`OnMissed::Emergency`](super::OnMissed::Emergency) then find them missed.
     pub fn heartbeats(&mut self, events: Sender<NodeEvent>) -> HeartbeatConsumer {
         let (sender, frames) = luna::buffered(Buffer::fifo(QUEUE));
         let filters = [Filter::standard(0x700, 0x780)];
         self.controller
             .add_passed_on(&filters, sender, events.clone());
-        HeartbeatConsumer::new(frames, events, self.counts())
+        HeartbeatConsumer::new(frames, QUEUE, events, self.counts())
     }
 
     /// A process that sends the heartbeat of a node that this program is. Each state that comes

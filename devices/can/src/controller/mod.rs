@@ -217,7 +217,13 @@ impl<P: Port> Process for Controller<P> {
             let Some(device) = self.device.clone() else {
                 return Err(LinkError::NotPrepared.into());
             };
-            match self.carry(&device).await {
+            let stop = self.carry(&device).await;
+            if !matches!(stop, Stop::Closed) {
+                self.receivers
+                    .iter()
+                    .for_each(|receiver| receiver.to.fail());
+            }
+            match stop {
                 Stop::Closed => Ok(()),
                 Stop::Poisoned => Err(Error::Poisoned),
                 Stop::Lost(error) => Err(device.lost(Error::other(error))),

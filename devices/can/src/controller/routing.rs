@@ -22,6 +22,9 @@ pub(super) struct Route {
 pub(super) trait Take: Send {
     fn take(&self, frame: &Frame) -> Taken;
     fn ended(&self) -> Ended<'_>;
+    /// The controller has failed: what supervises by its frames must not take that for an end in
+    /// order.
+    fn fail(&self) {}
 }
 
 pub(super) enum Taken {
@@ -69,6 +72,10 @@ impl<T: Send, F: Fn(&Frame) -> Option<T> + Send, R: Send> Take for PassedOn<T, F
 
     fn ended(&self) -> Ended<'_> {
         self.reader.ended()
+    }
+
+    fn fail(&self) {
+        self.to.sender.poison();
     }
 }
 

@@ -4,6 +4,7 @@ mod channels;
 mod dead_man;
 mod safe_state;
 mod slow_reader;
+mod writers_end;
 
 use crate::common::SpawnOk;
 use luna::prelude::*;

@@ -4,28 +4,74 @@ pub(crate) mod circle;
 pub(crate) mod livelock;
 mod moves;
 mod script;
+mod search;
 pub(crate) mod state;
+pub(crate) mod store;
 pub(crate) mod unreached;
 mod waiting;
 pub(crate) mod words;
 
 use crate::draw::sequence;
+use crate::memory::{Reserved, default_memory};
 use crate::network::Network;
-use indexmap::IndexSet;
-use rustc_hash::FxBuildHasher;
-use state::{MAX_DEPTH, MAX_LOCAL_STEPS, Move, Semantics, State};
+use search::Search;
+use state::{Move, Semantics};
 use std::fmt;
+use store::{Store, push, vec_bytes};
 
-/// A limit on states that needs at most a few GB and some minutes.
+/// A limit on states that needs some minutes.
 pub const DEFAULT_MAX_STATES: usize = 2_000_000;
+
+/// After so many states the progress is reported.
+const REPORT_EVERY: usize = 64;
+
+/// What an exploration may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Limits {
+    /// So many states.
+    pub states: usize,
+    /// So many bytes of memory, for the states and what is found of them. The model itself and the
+    /// text of what is found come on top.
+    pub bytes: u64,
+}
+
+impl Limits {
+    /// So many states, in [half of what is free](default_memory()).
+    #[must_use]
+    pub fn of_states(states: usize) -> Self {
+        Self {
+            states,
+            bytes: default_memory(),
+        }
+    }
+
+    /// With another bound of memory.
+    #[must_use]
+    pub fn bytes(self, bytes: u64) -> Self {
+        Self { bytes, ..self }
+    }
+}
+
+/// Which limit has ended an exploration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Limit {
+    /// That of states.
+    States(usize),
+    /// That of memory (bytes).
+    Memory(u64),
+}
 
 /// What the exploration has found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exploration {
-    /// How many states were seen.
+    /// How many states were looked at.
     pub states: usize,
     /// Whether these are all: if not, what was not found may be there all the same.
     pub is_complete: bool,
+    /// The limit that was reached, if they are not.
+    pub limit: Option<Limit>,
     /// At most one of each kind, and one for each property; each with the shortest way to it.
     pub findings: Vec<Finding>,
     /// Branches that no run takes; empty if the exploration is not complete.
@@ -160,34 +206,48 @@ pub struct Unreached {
 
 /// The states in the order in which they were seen, each with the move that led to it first.
 pub(crate) struct Space {
-    pub(crate) states: IndexSet<State, FxBuildHasher>,
-    /// The state before, and the move from there.
-    pub(crate) origins: Vec<Option<(u32, Move)>>,
+    pub(crate) states: Store,
+    /// The state before, and the number of the move from there; of the first state, nothing.
+    origins: Vec<(u32, u32)>,
 }
 
 impl Space {
     /// The moves to a state, from the first one on.
-    pub(crate) fn way_to(&self, state: usize) -> Vec<Move> {
+    pub(crate) fn way_to(&self, semantics: &Semantics<'_>, state: usize) -> Vec<Move> {
         let mut way = Vec::new();
         let mut at = state;
-        while let Some((before, step)) = self.origins[at] {
-            way.push(step);
+        while at > 0 {
+            let (before, number) = self.origins[at];
+            way.extend(self.move_of(semantics, before, number));
             at = before as usize;
         }
         way.reverse();
         way
     }
+
+    /// A move of a state, by its number.
+    fn move_of(&self, semantics: &Semantics<'_>, state: u32, number: u32) -> Option<Move> {
+        let mut moves = Vec::new();
+        semantics.moves(&self.states.get(state), &mut moves);
+        moves.get(number as usize).copied()
+    }
 }
 
-/// Explores breadth first, so that the first way to each state is a shortest one.
-pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
+/// Explores breadth first, so that the first way to each state is a shortest one. Calls `progress`
+/// with the states that were looked at and those that are known.
+pub(crate) fn explore(
+    network: &Network,
+    limits: Limits,
+    progress: &mut dyn FnMut(usize, usize),
+) -> Exploration {
+    let _reserved = Reserved::new(limits.bytes);
     let mut semantics = Semantics::new(network);
     let (first, broken) = semantics.first();
     let mut space = Space {
-        states: IndexSet::default(),
-        origins: vec![None],
+        states: Store::new(first.len()),
+        origins: vec![(0, 0)],
     };
-    space.states.insert(first);
+    space.states.add(&first, true);
     let mut search = Search {
         findings: Vec::new(),
         silent: Vec::new(),
@@ -200,28 +260,36 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
         return Exploration {
             states: 1,
             is_complete: true,
+            limit: None,
             findings: search.findings,
             unreached: Vec::new(),
             stuck: None,
         };
     }
-    let mut is_complete = true;
+    let mut limit = None;
     let mut after = waiting::Moves::default();
     let mut moves = Vec::new();
     let mut at = 0;
-    while let Some(state) = space.states.get_index(at).cloned() {
+    'all: while at < space.states.len() {
+        if at % REPORT_EVERY == 0 {
+            progress(at, space.states.len());
+        }
+        let state = space.states.unfold(at as u32);
         search.look(&semantics, &space, at, &state);
         semantics.moves(&state, &mut moves);
         if moves.is_empty() && !semantics.is_over(&state) && semantics.spinning(&state).is_none() {
             search.deadlock(&semantics, &space, at, &state);
         }
-        after.begin();
-        for &step in &moves {
+        // It is of use only if all states are looked at.
+        if limit.is_none() {
+            after.begin();
+        }
+        for (move_number, &step) in moves.iter().enumerate() {
             search.taken.take(&state, step);
             let (next, broken) = semantics.after(&state, step);
             if let Some(broken) = broken {
                 if search.is_new(&FindingKind::Assertion) {
-                    let mut way = space.way_to(at);
+                    let mut way = space.way_to(&semantics, at);
                     way.push(step);
                     let trace = words::trace(network, &way);
                     let there = vec![words::broken(network, &broken)];
@@ -229,30 +297,39 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
                 }
                 continue;
             }
-            let number = match space.states.get_index_of(&next) {
-                Some(number) => number,
-                None if space.states.len() >= max_states => {
-                    is_complete = false;
-                    continue;
-                }
-                None => {
-                    space.origins.push(Some((at as u32, step)));
-                    space.states.insert_full(next).0
-                }
+            let stop = reached(&limits, &space, &after, &search);
+            if matches!(stop, Some(Limit::Memory(_))) {
+                limit = stop;
+                break 'all;
+            }
+            let Some((number, is_new)) = space.states.add(&next, stop.is_none()) else {
+                limit = stop;
+                continue;
             };
-            after.add(number);
+            if is_new {
+                push(&mut space.origins, (at as u32, move_number as u32));
+            }
+            if limit.is_none() {
+                after.add(number);
+            }
             let edge = semantics.edge(&state, step);
             if edge.is_some_and(|edge| edge.label.is_silent()) {
-                search.silent.push((at as u32, number as u32, step));
+                push(&mut search.silent, (at as u32, number, move_number as u32));
             }
         }
         at += 1;
     }
+    let is_out_of_memory = matches!(limit, Some(Limit::Memory(_)));
     search.livelock(&semantics, &space);
     search.findings.sort_by(|a, b| a.kind.cmp(&b.kind));
+    let is_complete = limit.is_none();
     Exploration {
-        states: space.states.len(),
+        states: match is_out_of_memory {
+            true => at,
+            false => space.states.len(),
+        },
         is_complete,
+        limit,
         findings: search.findings,
         unreached: match is_complete {
             true => search.taken.unreached(&semantics),
@@ -265,70 +342,25 @@ pub(crate) fn explore(network: &Network, max_states: usize) -> Exploration {
     }
 }
 
-struct Search {
-    findings: Vec<Finding>,
-    /// Moves that are neither communications nor actions.
-    silent: Vec<(u32, u32, Move)>,
-    taken: unreached::Taken,
-}
-
-impl Search {
-    fn is_new(&self, kind: &FindingKind) -> bool {
-        !self.findings.iter().any(|found| found.kind == *kind)
+/// The limit that one more state would be beyond, if there is one.
+fn reached(
+    limits: &Limits,
+    space: &Space,
+    after: &waiting::Moves,
+    search: &Search,
+) -> Option<Limit> {
+    /// What the searches at the end need for a state and a silent move, at most.
+    const EACH_STATE: u64 = 72;
+    const EACH_SILENT: u64 = 8;
+    let states = space.states.len();
+    let bytes = space.states.bytes()
+        + vec_bytes(&space.origins, 1)
+        + after.bytes()
+        + vec_bytes(&search.silent, 1)
+        + states as u64 * EACH_STATE
+        + search.silent.len() as u64 * EACH_SILENT;
+    if bytes > limits.bytes || !space.states.has_numbers() {
+        return Some(Limit::Memory(limits.bytes));
     }
-
-    fn add(&mut self, kind: FindingKind, trace: Vec<TraceStep>, there: Vec<String>) {
-        self.findings.push(Finding::new(kind, trace, there));
-    }
-
-    /// What can be seen in a state by itself.
-    fn look(&mut self, semantics: &Semantics<'_>, space: &Space, at: usize, state: &State) {
-        let network = semantics.network;
-        for (title, property) in &network.always {
-            let kind = FindingKind::Always(title.clone());
-            if !semantics.holds(state, property) && self.is_new(&kind) {
-                let trace = words::trace(network, &space.way_to(at));
-                self.add(kind, trace, words::places(semantics, state));
-            }
-        }
-        if let Some(agent) = semantics.spinning(state)
-            && self.is_new(&FindingKind::Livelock)
-        {
-            let trace = words::trace(network, &space.way_to(at));
-            let name = &network.agents[agent].name;
-            let there = vec![format!(
-                "{name} does not come to wait: not within {MAX_LOCAL_STEPS} steps, and not within \
-                 {MAX_DEPTH} `par` that begin one after the other"
-            )];
-            self.add(FindingKind::Livelock, trace, there);
-        }
-    }
-
-    fn deadlock(&mut self, semantics: &Semantics<'_>, space: &Space, at: usize, state: &State) {
-        if self.is_new(&FindingKind::Deadlock) {
-            let way = space.way_to(at);
-            let trace = words::trace(semantics.network, &way);
-            let (there, circle) = words::stuck(semantics, state);
-            self.findings.push(Finding {
-                circle,
-                replay: Some(script::script(semantics.network, &way)),
-                ..Finding::new(FindingKind::Deadlock, trace, there)
-            });
-        }
-    }
-
-    fn livelock(&mut self, semantics: &Semantics<'_>, space: &Space) {
-        if !self.is_new(&FindingKind::Livelock) {
-            return;
-        }
-        let Some((start, cycle)) = livelock::cycle(&self.silent) else {
-            return;
-        };
-        let way = space.way_to(start as usize);
-        let both: Vec<Move> = way.iter().chain(&cycle).copied().collect();
-        let mut trace = words::trace(semantics.network, &both);
-        let mut there = vec!["for ever:".to_owned()];
-        there.extend(trace.drain(way.len()..).map(|step| step.text));
-        self.add(FindingKind::Livelock, trace, there);
-    }
+    (states >= limits.states).then_some(Limit::States(limits.states))
 }

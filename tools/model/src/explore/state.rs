@@ -96,6 +96,11 @@ impl<'a> Semantics<'a> {
         }
     }
 
+    /// How many values a state has.
+    pub(crate) fn values(&self) -> usize {
+        self.size
+    }
+
     /// Where all begin.
     pub(crate) fn first(&mut self) -> (State, Option<Broken>) {
         let mut state = vec![0; self.size].into_boxed_slice();

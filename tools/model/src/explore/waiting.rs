@@ -5,6 +5,7 @@
 //! on.
 
 use super::state::{Move, Semantics};
+use super::store::{push, vec_bytes};
 use super::words;
 use super::{Space, Stuck};
 use std::collections::BTreeSet;
@@ -20,11 +21,16 @@ pub(super) struct Moves {
 impl Moves {
     /// What is added next is of the next state.
     pub(super) fn begin(&mut self) {
-        self.starts.push(self.to.len());
+        push(&mut self.starts, self.to.len());
     }
 
-    pub(super) fn add(&mut self, to: usize) {
-        self.to.push(to as u32);
+    pub(super) fn add(&mut self, to: u32) {
+        push(&mut self.to, to);
+    }
+
+    /// The bytes that it takes, also while it grows.
+    pub(super) fn bytes(&self) -> u64 {
+        vec_bytes(&self.starts, 1) + vec_bytes(&self.to, 1)
     }
 
     fn of(&self, state: usize) -> &[u32] {
@@ -94,7 +100,7 @@ pub(super) fn stuck(semantics: &Semantics<'_>, space: &Space, moves: &Moves) -> 
         }
         let mut active = BTreeSet::new();
         for &one in &states {
-            semantics.moves(&space.states[one as usize], &mut possible);
+            semantics.moves(&space.states.get(one), &mut possible);
             for step in &possible {
                 let agents = std::iter::once(step.agent);
                 let agents = agents.chain(step.partner.map(|(partner, _)| partner));
@@ -104,25 +110,25 @@ pub(super) fn stuck(semantics: &Semantics<'_>, space: &Space, moves: &Moves) -> 
                 break;
             }
         }
-        let state = &space.states[first as usize];
+        let state = space.states.get(first);
         let all = 0..network.processes.len();
-        let waiting = all.filter(|one| !active.contains(one) && !semantics.has_ended(state, *one));
+        let waiting = all.filter(|one| !active.contains(one) && !semantics.has_ended(&state, *one));
         let waiting: Vec<usize> = waiting.collect();
         if !waiting.is_empty() {
             found = Some((first, waiting));
         }
     }
     let (first, waiting) = found?;
-    let state = &space.states[first as usize];
+    let state = space.states.get(first);
     let agents = network.agents.iter().enumerate();
     let agents = agents.filter(|(_, agent)| waiting.contains(&agent.process));
-    let there = agents.filter_map(|(agent, _)| words::place(semantics, state, agent));
+    let there = agents.filter_map(|(agent, _)| words::place(semantics, &state, agent));
     let names = waiting
         .iter()
         .map(|&one| network.processes[one].name.clone());
     Some(Stuck {
         processes: names.collect(),
-        trace: words::trace(network, &space.way_to(first as usize)),
+        trace: words::trace(network, &space.way_to(semantics, first as usize)),
         there: there.collect(),
     })
 }

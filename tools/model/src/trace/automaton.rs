@@ -9,7 +9,9 @@
 
 use super::Party;
 use crate::explore::state::{Move, Semantics, State};
+use crate::explore::store::Store;
 use crate::explore::words;
+use crate::memory::Reserved;
 use crate::network::{Buffering, Channel, Label, Network};
 use indexmap::IndexSet;
 use rustc_hash::{FxBuildHasher, FxHashMap};
@@ -43,12 +45,14 @@ pub(super) struct Automaton<'a> {
     unrecorded: Vec<bool>,
     /// Processes that hidden communications connect have the same number.
     pub(super) groups: Vec<usize>,
-    states: IndexSet<State, FxBuildHasher>,
+    states: Store,
     sets: IndexSet<Set, FxBuildHasher>,
     /// How many numbers of states the sets hold.
     members: usize,
     known: FxHashMap<(u32, Symbol), Option<u32>>,
     pub(super) max_states: usize,
+    max_bytes: u64,
+    _reserved: Reserved,
 }
 
 impl<'a> Automaton<'a> {
@@ -57,18 +61,22 @@ impl<'a> Automaton<'a> {
         hidden: Vec<bool>,
         unrecorded: Vec<bool>,
         max_states: usize,
+        max_bytes: u64,
     ) -> Self {
         let groups = groups(network, &hidden, &unrecorded);
+        let semantics = Semantics::new(network);
         Self {
-            semantics: Semantics::new(network),
+            states: Store::new(semantics.values()),
+            semantics,
             hidden,
             unrecorded,
             groups,
-            states: IndexSet::default(),
             sets: IndexSet::default(),
             members: 0,
             known: FxHashMap::default(),
             max_states: max_states.min(u32::MAX as usize),
+            max_bytes,
+            _reserved: Reserved::new(max_bytes),
         }
     }
 
@@ -76,7 +84,7 @@ impl<'a> Automaton<'a> {
     pub(super) fn first(&mut self) -> Result<Option<u32>, TooMany> {
         match self.semantics.first() {
             (state, None) => {
-                let state = self.state(state)?;
+                let state = self.state(&state)?;
                 self.set(vec![state]).map(Some)
             }
             (_, Some(_)) => Ok(None),
@@ -118,11 +126,11 @@ impl<'a> Automaton<'a> {
         let mut lines = BTreeSet::new();
         let network = self.network();
         for &state in &self.sets[set as usize] {
-            let state = &self.states[state as usize];
+            let state = self.states.get(state);
             for (number, agent) in network.agents.iter().enumerate() {
                 let process = agent.process;
                 if self.is(symbol.sender, process) || self.is(symbol.receiver, process) {
-                    lines.extend(words::place(&self.semantics, state, number));
+                    lines.extend(words::place(&self.semantics, &state, number));
                 }
             }
         }
@@ -169,9 +177,7 @@ impl<'a> Automaton<'a> {
     /// The states of a set.
     pub(super) fn members(&self, set: u32) -> Vec<State> {
         let members = self.sets[set as usize].iter();
-        members
-            .map(|&state| self.states[state as usize].clone())
-            .collect()
+        members.map(|&state| self.states.get(state)).collect()
     }
 
     pub(super) fn process(&self, agent: usize) -> usize {
@@ -267,7 +273,7 @@ impl<'a> Automaton<'a> {
         let mut moves = Vec::new();
         let mut at = 0;
         while let Some(&number) = seen.get_index(at) {
-            let state = self.states[number as usize].clone();
+            let state = self.states.unfold(number);
             self.semantics.moves(&state, &mut moves);
             for &step in &moves {
                 if step.is_closed || step.is_end {
@@ -284,7 +290,7 @@ impl<'a> Automaton<'a> {
                     breaks(words::broken(self.network(), &broken));
                     continue;
                 }
-                let next = self.state(next)?;
+                let next = self.state(&next)?;
                 if is_meant {
                     found.insert(next);
                 }
@@ -321,12 +327,22 @@ impl<'a> Automaton<'a> {
         }
     }
 
-    fn state(&mut self, state: State) -> Result<u32, TooMany> {
-        let (number, is_new) = self.states.insert_full(state);
-        match is_new && number >= self.max_states {
-            true => Err(TooMany),
-            false => Ok(number as u32),
-        }
+    fn state(&mut self, state: &State) -> Result<u32, TooMany> {
+        let has_room = self.states.len() < self.max_states
+            && self.states.has_numbers()
+            && self.bytes() <= self.max_bytes;
+        let added = self.states.add(state, has_room);
+        added.map(|(number, _)| number).ok_or(TooMany)
+    }
+
+    /// What is kept, also while it grows.
+    fn bytes(&self) -> u64 {
+        /// Of a set without its members, and of a known step, with the places of their tables.
+        const EACH_SET: u64 = 100;
+        const EACH_STEP: u64 = 120;
+        let members = self.members as u64 * size_of::<u32>() as u64;
+        let sets = self.sets.len() as u64 * EACH_SET + self.known.len() as u64 * EACH_STEP;
+        self.states.bytes() + members + sets
     }
 
     /// The number of a set with these members, which are in ascending order.
@@ -336,7 +352,8 @@ impl<'a> Automaton<'a> {
         if is_new {
             self.members += size;
         }
-        match self.members > self.max_states.saturating_mul(MAX_SHARE) {
+        let is_full = self.members > self.max_states.saturating_mul(MAX_SHARE);
+        match is_full || self.bytes() > self.max_bytes {
             true => Err(TooMany),
             false => u32::try_from(number).map_err(|_| TooMany),
         }

@@ -21,6 +21,8 @@ use rustc_hash::FxBuildHasher;
 const MAX_ORDERS: usize = 100_000;
 /// So many communications before the one that is no part of a trace are reported.
 const BEFORE: usize = 8;
+/// After so many communications the progress is reported.
+const REPORT_EVERY: usize = 64;
 
 /// A communication that was recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -75,6 +77,9 @@ pub struct TraceOptions {
     pub ended: Vec<usize>,
     /// A limit on the states of the model that are followed. 0: 2 000 000.
     pub max_states: usize,
+    /// A limit on the memory for these states (bytes). 0: [half of what is
+    /// free](crate::default_memory()).
+    pub max_bytes: u64,
 }
 
 /// What came of it.
@@ -117,7 +122,13 @@ pub struct Rejected {
 }
 
 /// Follows the communications.
-pub(crate) fn trace(network: &Network, events: &[Communication], options: &TraceOptions) -> Traced {
+/// Calls `progress` now and then with the number of those that are a trace so far.
+pub(crate) fn trace(
+    network: &Network,
+    events: &[Communication],
+    options: &TraceOptions,
+    progress: &mut dyn FnMut(usize),
+) -> Traced {
     let flags = |chosen: &[usize], count: usize| {
         (0..count)
             .map(|number| chosen.contains(&number))
@@ -127,14 +138,26 @@ pub(crate) fn trace(network: &Network, events: &[Communication], options: &Trace
         0 => crate::DEFAULT_MAX_STATES,
         limit => limit,
     };
+    let max_bytes = match options.max_bytes {
+        0 => crate::default_memory(),
+        limit => limit,
+    };
     let mut automaton = Automaton::new(
         network,
         flags(&options.hidden, network.channels.len()),
         flags(&options.unrecorded, network.processes.len()),
         max_states,
+        max_bytes,
     );
     let order = Order::new(events, options.skew, &automaton);
-    let (accepted, verdict) = match follow(&mut automaton, &order, events.len(), &options.ended) {
+    let followed = follow(
+        &mut automaton,
+        &order,
+        events.len(),
+        &options.ended,
+        progress,
+    );
+    let (accepted, verdict) = match followed {
         Ok(found) => found,
         Err(accepted) => (accepted, TraceVerdict::TooLarge),
     };
@@ -147,6 +170,7 @@ fn follow(
     order: &Order,
     count: usize,
     ended: &[usize],
+    progress: &mut dyn FnMut(usize),
 ) -> Result<(usize, TraceVerdict), usize> {
     let Some(first) = automaton.first().map_err(|TooMany| 0_usize)? else {
         return Ok((0, TraceVerdict::Broken));
@@ -155,6 +179,9 @@ fn follow(
     now.insert((order.first(), first));
     let mut heads = Vec::new();
     for accepted in 0..count {
+        if accepted % REPORT_EVERY == 0 {
+            progress(accepted);
+        }
         let mut next: IndexSet<(Cut, u32), FxBuildHasher> = IndexSet::default();
         for (cut, set) in &now {
             order.next(cut, &mut heads);

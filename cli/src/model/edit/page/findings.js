@@ -59,7 +59,7 @@ export class Findings {
 
   checked(checked) {
     if (!checked) return [];
-    const all = checked.is_complete ? `All ${checked.states} states were looked at.` : `${checked.states} states were looked at, and there are more.`;
+    const all = checked.is_complete ? `All ${checked.states} states were looked at.` : `${checked.states} states were looked at, and there are more${checked.is_out_of_memory ? " than half of the free memory holds" : ""}.`;
     const found = checked.findings.length ? "" : " No deadlock, no livelock, no broken assertion was found.";
     const findings = checked.findings.map((finding) =>
       make("details", { open: true, className: "finding" },

@@ -5,6 +5,7 @@ mod codings;
 mod nodes;
 mod peer;
 mod process_data;
+mod supervision;
 mod transfers;
 
 use crate::common::{Bench, SpawnOk};

@@ -196,44 +196,6 @@ fn an_emergency_watch_needs_no_reader_of_reports() {
 }
 
 #[test]
-fn a_boot_up_ends_the_watch_until_the_next_heartbeat() {
-    let _watch = watchdog();
-    let mut bench = Bench::new();
-    let stranger = bench.node("stranger");
-    let mut network = master(&mut bench);
-    let (event, events) = luna::buffered(Buffer::fifo(16));
-    let consumer = network
-        .heartbeats(event)
-        .watch(id(), LIMIT, OnMissed::Emergency);
-    bench.main.process("heartbeats").spawn_ok(consumer);
-    bench.main.process("master").spawn_ok(network.controller());
-    bench.main.process("user").spawn_ok(async move {
-        let (node, state) = (id(), NmtState::Operational);
-        let beat = Heartbeat { node, state };
-        let boot_up = Heartbeat {
-            node,
-            state: NmtState::BootUp,
-        };
-        for beat in [boot_up, beat, boot_up] {
-            luna::after(10 * LIMIT * u32::from(beat != boot_up)).await;
-            stranger.send.send(beat.frame()).await?;
-        }
-        for expected in [
-            NodeEvent::BootUp(node),
-            NodeEvent::State(node, state),
-            NodeEvent::BootUp(node),
-        ] {
-            assert_eq!(events.recv().await?, expected);
-        }
-        luna::after(10 * LIMIT).await;
-        assert!(events.try_recv().is_err());
-        drop((events, stranger));
-        Ok(())
-    });
-    bench.run().unwrap();
-}
-
-#[test]
 fn a_program_is_a_node_with_a_heartbeat() {
     let _watch = watchdog();
     let mut bench = Bench::new();
