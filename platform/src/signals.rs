@@ -230,13 +230,7 @@ pub fn received() -> Option<i32> {
 /// at once. One system call. It leaves out SIGHUP and SIGQUIT where the program handled or ignored
 /// them when [`HeldBack`] was made last.
 pub fn accept_here() {
-    backend::accept_here(true);
-}
-
-/// As [`accept_here`], without SIGQUIT: the [handler](crate::crash) of that one waits until other
-/// threads have done their work. For a thread that those threads need.
-pub fn accept_ends_here() {
-    backend::accept_here(false);
+    backend::accept_here();
 }
 
 /// Blocks them again, so that the kernel chooses another thread. One system call.

@@ -171,7 +171,7 @@ fn end(
     }
     for function in safety.failed() {
         // Only now: standard error may be a pipe without a reader.
-        notice!("luna: emergency function {function}; the others ran");
+        notice!("luna: emergency function {function}");
     }
     plan.parameters.end();
     // Only detached threads of the system can still record.

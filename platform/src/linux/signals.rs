@@ -145,12 +145,8 @@ pub(crate) fn real_time_number(number: i32) -> Option<i32> {
 }
 
 /// These fail only for an unknown `how`.
-pub(crate) fn accept_here(takes_quit: bool) {
-    let mut accepted = requests();
-    if !takes_quit {
-        accepted.remove(sys::Signal::SIGQUIT);
-    }
-    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_UNBLOCK, Some(&accepted), None);
+pub(crate) fn accept_here() {
+    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_UNBLOCK, Some(&requests()), None);
 }
 
 pub(crate) fn hold_back() -> Mask {

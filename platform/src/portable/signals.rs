@@ -45,7 +45,7 @@ pub(crate) fn restore(before: Before) {
 /// Nothing is blocked.
 pub(crate) type Mask = ();
 
-pub(crate) fn accept_here(_takes_quit: bool) {}
+pub(crate) fn accept_here() {}
 
 pub(crate) fn hold_back() -> Mask {}
 

@@ -27,6 +27,7 @@ use luna_platform::alarm::EventAlarm;
 use luna_platform::clock::Instant;
 use luna_platform::crash::{CrashSlot, MAX_MEMBERS};
 use luna_platform::facts::{PreemptionModel, Source};
+use luna_platform::lock::PiLock;
 use luna_platform::signals;
 use luna_platform::thread::{self, Policy, ThreadNumber};
 use std::sync::OnceLock;
@@ -38,8 +39,8 @@ pub(crate) use threads::EmergencyThread;
 /// How many are on duty from the start: one that runs a function, and one that watches it.
 const ON_DUTY: usize = 2;
 
-/// The members. Seven may hang: before the last of them is left behind, there are two that run and
-/// one that watches.
+/// The members. Seven may hang, and the functions of the emergency run on: one runs, and one watches.
+/// If that one hangs too, the last worker runs nothing, since nothing would notice that it hangs.
 const MAX: usize = MAX_MEMBERS;
 
 /// How much longer a crash waits than the functions may take.
@@ -67,6 +68,8 @@ pub(super) struct EmergencyWorkers {
     policy: OnceLock<Policy>,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MAX],
+    /// Held while a worker takes a function, for a bounded number of steps.
+    assigns: PiLock<()>,
     /// A bit for each member that was left behind.
     left_behind: AtomicU16,
     /// How many there are.
