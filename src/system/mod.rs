@@ -52,6 +52,7 @@ use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
 use crate::report::Report;
 use crate::time::{TimerManager, Timers};
+pub(crate) use launch::Opening;
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
 pub(crate) use plan::{Member, Phase, Plan};

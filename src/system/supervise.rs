@@ -15,12 +15,11 @@ use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::parameters::FileWatch;
 use crate::report::{Report, StampReport};
-use crate::safety::Cause;
+use crate::safety::{Cause, EmergencyThread};
 use crate::time::ManagerThread;
 use luna_core::current;
 use luna_core::events::code;
 use luna_platform::clock::{Clock, Instant, nanos};
-use luna_platform::signals::HeldBack;
 use luna_platform::thread::HandlerStack;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -37,12 +36,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
     // Also in a blocking call of a process on virtual time: this system has a clock of its own.
     let _clock = Clock::REAL.enter();
-    // The emergency manager takes signals, since it has a higher priority. The handlers need a
-    // stack of their own, should this thread use up its stack.
+    // The handlers of crashes need a stack of their own, should this thread use up its stack.
     let _handlers = HandlerStack::here();
-    let _held_back = HeldBack::here();
     let announced = plan.settings().announced.take();
     let mut launched = launch(plan)?;
+    // Until the emergency's threads take none any more.
+    let _held_back = launched.held_back.take();
     // Dropped before what was launched: the emergency functions come first, should this thread
     // panic.
     let mut system_threads = SystemThreads {
@@ -60,7 +59,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let pending = PendingErrors::default();
     let deadlock = watch(&mut system_threads, &launched, &mut stolen, &pending);
     drop(announcement);
-    let ended = end(
+    let (ended, signals) = end(
         launched,
         &mut system_threads,
         begun,
@@ -68,9 +67,15 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         stolen,
         &pending,
     );
-    let outcome = conclude(plan, ended);
+    let mut outcome = conclude(plan, ended, &|| signals.late_signal().is_some());
     system_threads.is_over = true;
     pending.settle(outcome.as_ref().err());
+    let late_signal = signals.late_signal();
+    drop(signals);
+    let kept = &mut plan.members().report;
+    for report in outcome.as_mut().ok().into_iter().chain(kept) {
+        report.late_signal = late_signal;
+    }
     outcome
 }
 
@@ -107,7 +112,8 @@ fn release(plan: &Plan, launched: &mut Launched, system_threads: &SystemThreads<
     begun
 }
 
-/// Ends what is left of the system: its threads, and then the emergency.
+/// Ends what is left of the system: its threads, and then the emergency. The thread that is given
+/// with that takes signals until it is dropped.
 fn end(
     launched: Launched,
     system_threads: &mut SystemThreads<'_>,
@@ -115,9 +121,9 @@ fn end(
     deadlock: Option<Deadlock>,
     mut stolen: Stolen,
     pending: &PendingErrors,
-) -> Ended {
+) -> (Ended, EmergencyThread) {
     let plan = system_threads.plan;
-    let (running, safety_threads) = (launched.running, launched.safety);
+    let (running, mut safety_threads) = (launched.running, launched.safety);
     let (common, emergency) = (&running.common, &running.common.emergency);
     let standstill = running.standstill().filter(|_| !emergency.is_safe());
     let elapsed = common.clock.now() - begun.at;
@@ -179,8 +185,10 @@ fn end(
         not(feature = "logger"),
         expect(unused_variables, reason = "without the logger there is none")
     )]
-    let logging = launched.recording.finish();
-    Ended {
+    let logging = launched
+        .recording
+        .finish(|| safety_threads.emergency.late_signal().is_some());
+    let ended = Ended {
         report: Report {
             system: plan.name().to_owned(),
             clock: launched.clock,
@@ -203,7 +211,8 @@ fn end(
         was_emergency,
         stolen,
         running,
-    }
+    };
+    (ended, safety_threads.emergency)
 }
 
 fn report_stolen(running: &Running, window: &Window) {

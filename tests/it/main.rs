@@ -67,6 +67,7 @@ mod report;
 mod run;
 mod safety_state;
 mod signals;
+mod signals_at_files;
 mod signals_while_blocked;
 mod spawn_at_start_and_end;
 mod spawn_while_running;

@@ -4,6 +4,7 @@
 //! | --- | --- | --- |
 //! | runs the next function | any worker | [`functions`](super::functions) |
 //! | leaves behind a worker that hangs | any other on duty | [`functions`](super::functions) |
+//! | keeper: takes signals from the emergency's end to the run's | the first that finds the end | [`member`] |
 //! | on duty: sleeps until there is an event, such as a signal | two, then more | [`member`] |
 //! | in reserve: takes over a core, or the place of one that hangs | the rest | [`reserve`] |
 //! | wakes the watcher when a function may have taken too long | none: the kernel | here |
@@ -75,6 +76,10 @@ pub(super) struct EmergencyWorkers {
     /// How many there are.
     members: AtomicU32,
     hears_signals: AtomicBool,
+    /// The member that takes signals when the others have ended, plus one; 0 before.
+    keeper: AtomicU32,
+    /// The run is over: so is the keeper's work.
+    is_released: AtomicBool,
     /// The signal that was received, 0 for none.
     heard: AtomicU32,
     /// The signal by which the program crashes, 0 for none.
@@ -100,6 +105,11 @@ impl EmergencyWorkers {
         if let Some(crash) = self.crash.get() {
             crash.set_bound(limits.saturating_add(CRASH_MARGIN));
         }
+    }
+
+    /// Whether `member` is the keeper.
+    fn keeps_signals(&self, member: u8) -> bool {
+        self.keeper.load(Ordering::Acquire) == u32::from(member) + 1
     }
 
     fn is_left_behind(&self, member: u8) -> bool {

@@ -149,6 +149,18 @@ impl Logging {
         }
     }
 
+    /// Where it goes, as the report and errors name it.
+    ///
+    /// ```
+    /// assert_eq!(luna_logger::Logging::to_file("run.luna").place(), "run.luna");
+    /// ```
+    pub fn place(&self) -> String {
+        match &self.target {
+            Target::File(path) => path.display().to_string(),
+            Target::Sink(sink) => sink.place(),
+        }
+    }
+
     fn to(target: Target) -> Self {
         Self {
             target,
@@ -248,6 +260,10 @@ pub(crate) const UDP: &str = "udp://";
 const AT_END: Duration = Duration::from_secs(10);
 const AT_PEERS: Duration = Duration::from_secs(2);
 
+/// How long a sink has once the end is hurried, and the longest pause between two looks at that.
+const HURRIED: Duration = Duration::from_millis(50);
+const LONGEST_PAUSE: Duration = Duration::from_millis(5);
+
 /// The most words of a ring: 1 GiB.
 const MAX_ROOM: usize = 1 << 27;
 
@@ -342,23 +358,48 @@ impl Recorder {
     ///
     /// Waits for the sink, at most the limit of [`Logging::end_within`] and the ten seconds named
     /// there, and one second for messages that are shown.
-    pub fn finish(mut self) -> LoggingReport {
-        self.stop()
+    pub fn finish(self) -> LoggingReport {
+        self.finish_unless(|| false)
+    }
+
+    /// As [`finish`](Self::finish); once it `is_hurried`, the sink gets a twentieth of a second more.
+    /// What it has not taken by then is lost and counted, and its thread is detached. For a program
+    /// that is asked to end meanwhile. `is_hurried` is asked every few milliseconds.
+    ///
+    /// ```
+    /// use luna_logger::{Hub, Logging, Recorder};
+    ///
+    /// let hub = Hub::new("bench", Default::default());
+    /// let recorder = Recorder::start(&hub, Logging::to_tcp("localhost:9"))?;
+    /// assert!(recorder.finish_unless(|| true).error.is_some());
+    /// # Ok::<(), luna_logger::StartError>(())
+    /// ```
+    pub fn finish_unless(mut self, is_hurried: impl Fn() -> bool) -> LoggingReport {
+        self.stop(&is_hurried)
             .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))
     }
 
-    fn stop(&mut self) -> Option<LoggingReport> {
+    fn stop(&mut self, is_hurried: &dyn Fn() -> bool) -> Option<LoggingReport> {
         let thread = self.thread.take()?;
         self.hub.end_recording();
         self.limiter.end_within(self.end_within);
         self.running = None;
+        let mut pause = Duration::from_micros(20);
+        while !thread.is_finished() {
+            if is_hurried() {
+                self.limiter.give_up_within(HURRIED);
+                break;
+            }
+            std::thread::sleep(pause);
+            pause = (pause * 2).min(LONGEST_PAUSE);
+        }
         thread.join().ok()
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        let _ = self.stop();
+        let _ = self.stop(&|| false);
     }
 }
 

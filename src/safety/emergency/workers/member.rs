@@ -27,6 +27,29 @@ impl EmergencyWorkers {
     }
 }
 
+impl EmergencyWorkers {
+    /// The emergency's work is over. The first member that comes here takes signals on, until the run
+    /// is over: a sink that stalls may hold up the run, which looks for them, and a second one ends
+    /// the program.
+    fn keep_signals(&self, member: u8) {
+        let own = u32::from(member) + 1;
+        let taken = self
+            .keeper
+            .compare_exchange(0, own, Ordering::AcqRel, Ordering::Relaxed);
+        if taken.is_err() {
+            return;
+        }
+        self.accept_signals();
+        loop {
+            let seen = signals::event_count();
+            if self.is_released.load(Ordering::Acquire) {
+                return;
+            }
+            signals::wait_for_event(seen, Instant::NEVER);
+        }
+    }
+}
+
 /// The life of a member.
 pub(super) fn serve(emergency: &Emergency, member: u8, registry: &ProcessRegistry) {
     let workers = &emergency.workers;
@@ -49,7 +72,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, registry: &ProcessRegistr
             return;
         };
         if emergency.may_end() {
-            return;
+            return workers.keep_signals(member);
         }
         signals::wait_for_event(seen, until);
     }
