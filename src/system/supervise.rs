@@ -243,7 +243,7 @@ fn watch(
     let every = launched
         .look_at_parameters
         .filter(|_| !launched.clock.is_virtual());
-    let mut file = every.and_then(|every| FileWatch::new(&plan.parameters, every));
+    let _file = every.and_then(|every| FileWatch::start(&plan.parameters, every));
     loop {
         let seen = registry.changes();
         if emergency.has_begun() && !emergency.is_safe() {
@@ -299,14 +299,8 @@ fn watch(
                 }
             }
         }
-        let mut until = look_again.min(warn_again).min(next_sample);
-        until = until.min(pending.report_due());
-        if let Some(file) = &mut file {
-            if let Err(error) = file.look(&plan.parameters) {
-                notice!("luna: {error}");
-            }
-            until = until.min(file.next());
-        }
+        let until = look_again.min(warn_again).min(next_sample);
+        let until = until.min(pending.report_due());
         if have_ended {
             // More may end soon, and need not wake this thread one by one.
             registry.rest(seen, until.min(Instant::now() + rest));
