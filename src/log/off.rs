@@ -174,7 +174,7 @@ impl Log {
 
     pub(crate) fn report(&self, _: u16, _: u32, _: [u64; 2]) {}
 
-    pub(crate) fn start(&self, _: bool, _: Asked, _: &Opening) -> Result<Session> {
+    pub(crate) fn start(&self, _: bool, _: Asked, _: bool, _: &Opening) -> Result<Session> {
         Ok(Session)
     }
 }

@@ -6,6 +6,7 @@ pub use luna_logger::{
 };
 
 use crate::error::{Result, SetupError};
+use crate::notice::notice;
 use crate::system::Opening;
 use luna_logger::{Entered, Hub, LoggingReport, Recorder, TimeBase};
 use std::sync::Arc;
@@ -57,6 +58,7 @@ impl Log {
         &self,
         is_virtual: bool,
         asked: Asked,
+        replaces: bool,
         opening: &Opening,
     ) -> Result<Session> {
         self.0.set_time(if is_virtual {
@@ -72,11 +74,22 @@ impl Log {
         let Some(recording) = asked.or_else(by_variable) else {
             return Ok(Session(None));
         };
+        let recording = if replaces {
+            recording.replacing()
+        } else {
+            recording
+        };
         let hub = self.0.clone();
-        let started = opening.wait_for(format!("record to {}", recording.place()), move || {
+        let asked = recording.place();
+        let started = opening.wait_for(format!("record to {asked}"), move || {
             Recorder::start(&hub, recording)
         });
-        let session = Session(Some(started?.map_err(SetupError::Logging)?));
+        let recorder = started?.map_err(SetupError::Logging)?;
+        if recorder.place() != asked {
+            let place = recorder.place();
+            notice!("luna: {asked} is there already, so this run is recorded to {place}");
+        }
+        let session = Session(Some(recorder));
         #[cfg(feature = "events")]
         if self.0.records_events() {
             // Those that are made from now on are named as they are made.

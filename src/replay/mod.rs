@@ -247,6 +247,7 @@ pub(crate) struct TapePlan {
 pub(crate) enum Mode {
     #[default]
     None,
+    /// To this file, with so much room of each process.
     Record(PathBuf, usize),
     Replay(Arc<Replayer>),
 }
@@ -264,14 +265,20 @@ impl TapePlan {
         }
     }
 
-    pub(crate) fn start(self, system: &str, opening: &Opening) -> Result<ReplayLogs> {
+    pub(crate) fn start(
+        self,
+        system: &str,
+        replaces: bool,
+        opening: &Opening,
+    ) -> Result<ReplayLogs> {
         Ok(match self.mode {
             Mode::None => ReplayLogs::None,
             Mode::Record(path, room) => {
                 let (note, parameters, system) = (self.note, self.parameters, system.to_owned());
                 let what = format!("make the replay log `{}`", path.display());
                 let started = opening.wait_for(what, move || {
-                    Recorder::start(&path, room, &system, &note, &parameters)
+                    let file = Recorder::file(&path, replaces)?;
+                    Recorder::start(&path, file, room, &system, &note, &parameters)
                 });
                 ReplayLogs::Record(started??)
             }

@@ -8,10 +8,12 @@ use super::error::RecordError;
 use super::file::{BlockKind, Writer};
 use luna_core::byte_ring::ByteRing;
 use luna_executors::Name;
-use luna_platform::signals;
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use luna_platform::{new_file, signals};
 use std::collections::HashMap;
 use std::convert::Infallible;
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -107,19 +109,34 @@ struct Listed {
 }
 
 impl Recorder {
+    /// The file of a recording.
+    pub(crate) fn file(path: &Path, replaces: bool) -> Result<File, RecordError> {
+        if path.extension().is_some_and(|suffix| suffix == "luna") {
+            let path = path.display().to_string();
+            return Err(RecordError::NameOfTheLogger { path });
+        }
+        let file = match replaces {
+            true => new_file::replace(path),
+            false => new_file::create(path),
+        };
+        file.map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => RecordError::IsThere {
+                path: path.display().to_string(),
+            },
+            _ => file_error(path, &error),
+        })
+    }
+
     pub(crate) fn start(
         path: &Path,
+        file: File,
         room: usize,
         system: &str,
         note: &str,
         parameters: &[(String, String)],
     ) -> Result<Arc<Self>, RecordError> {
         let failed = |error: std::io::Error| file_error(path, &error);
-        if path.extension().is_some_and(|suffix| suffix == "luna") {
-            let path = path.display().to_string();
-            return Err(RecordError::NameOfTheLogger { path });
-        }
-        let writer = Self::begin(path, system, note, parameters).map_err(failed)?;
+        let writer = Self::begin(file, system, note, parameters).map_err(failed)?;
         let recorder = Arc::new(Self {
             stamps: AtomicU64::new(1),
             room: room.max(256),
@@ -147,12 +164,12 @@ impl Recorder {
 
     /// Writes what is known at the start, so that it is there, also if the program crashes.
     fn begin(
-        path: &Path,
+        file: File,
         system: &str,
         note: &str,
         parameters: &[(String, String)],
     ) -> std::io::Result<Writer> {
-        let mut writer = Writer::create(path)?;
+        let mut writer = Writer::begin(file)?;
         writer.block(BlockKind::System, &[system.as_bytes()])?;
         writer.block(BlockKind::Note, &[note.as_bytes()])?;
         for (name, value) in parameters {

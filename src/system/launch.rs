@@ -129,12 +129,17 @@ fn launch_described(
     let guard = EmergencyThread::start(own, registry.clone(), needs.real_time, cores)?;
     shortfalls.extend_from_slice(guard.shortfalls());
     let opening = Opening::new(&emergency);
-    let recording = log.start(is_virtual, std::mem::take(&mut settings.logging), &opening)?;
+    let asked = std::mem::take(&mut settings.logging);
+    let recording = log.start(is_virtual, asked, settings.replaces, &opening)?;
     let recorded = settings.replay_logs.recorded_parameters();
     settings.replay_logs.parameters =
         plan.parameters
             .begin(&log, &clock, recorded.as_deref(), &opening)?;
-    let replay_logs = std::mem::take(&mut settings.replay_logs).start(plan.name(), &opening)?;
+    let replay_logs = std::mem::take(&mut settings.replay_logs).start(
+        plan.name(),
+        settings.replaces,
+        &opening,
+    )?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;

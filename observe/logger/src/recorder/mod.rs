@@ -66,6 +66,7 @@ pub struct Logging {
     show: Option<Level>,
     sync: Option<Duration>,
     end_within: Duration,
+    replaces: bool,
 }
 
 enum Target {
@@ -83,10 +84,25 @@ impl fmt::Debug for Target {
 }
 
 impl Logging {
-    /// Into a new file; one that is there is replaced. A name that ends in `.replay` is refused
-    /// when the recording begins: that is a replay log.
+    /// Into a new file. What is there stays: if the name is taken, also by a program that records to
+    /// it now, the recording goes to the first free one of `run-2.luna`, `run-3.luna` and so on,
+    /// which the report names. A name that ends in `.replay` is refused when the recording begins:
+    /// that is a replay log.
     pub fn to_file(path: impl Into<PathBuf>) -> Self {
         Self::to(Target::File(path.into()))
+    }
+
+    /// Replaces the file of [`to_file`](Self::to_file) if it is there: its former content is lost.
+    /// One that another program writes is an error.
+    ///
+    /// ```
+    /// use luna_logger::Logging;
+    /// let recording = Logging::to_file("last-run.luna").replacing();
+    /// # drop(recording);
+    /// ```
+    pub fn replacing(mut self) -> Self {
+        self.replaces = true;
+        self
     }
 
     /// Into something else.
@@ -175,6 +191,7 @@ impl Logging {
             show: None,
             sync: None,
             end_within: AT_END,
+            replaces: false,
         }
     }
 
@@ -295,16 +312,24 @@ impl Recorder {
             show,
             sync,
             end_within,
+            replaces,
         } = recording;
         let (to, sink) = match target {
             Target::File(path) => {
-                let sink = FileSink::create(&path).map(|sink| -> Box<dyn Sink> {
+                let sink = match replaces {
+                    true => FileSink::replace(&path),
+                    false => FileSink::create_numbered(&path),
+                };
+                let to = sink
+                    .as_ref()
+                    .map_or_else(|_| path.display().to_string(), FileSink::place);
+                let sink = sink.map(|sink| -> Box<dyn Sink> {
                     Box::new(match sync {
                         Some(period) => sink.sync_every(period),
                         None => sink,
                     })
                 });
-                (path.display().to_string(), sink)
+                (to, sink)
             }
             Target::Sink(sink) => (sink.place(), Ok(sink)),
         };
@@ -350,6 +375,11 @@ impl Recorder {
             limiter,
             end_within,
         })
+    }
+
+    /// Where it records to, as the report names it: the file that it has got.
+    pub fn place(&self) -> &str {
+        &self.to
     }
 
     /// Ends the recording: writes the rest of the rings, and reports what became of all samples and
