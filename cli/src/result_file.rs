@@ -86,7 +86,8 @@ impl ResultFile {
     }
 }
 
-fn is_there(path: &Path) -> Failure {
+/// The file would be lost.
+pub(crate) fn is_there(path: &Path) -> Failure {
     let why =
         "it is there already, and would be lost; name another file, remove it, or say --replace";
     unusable(path.display(), why)

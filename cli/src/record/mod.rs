@@ -11,6 +11,7 @@ pub(crate) mod signals;
 use crate::args::{Messages, Record};
 use crate::exit;
 use crate::failure::{Failure, failed, unusable};
+use crate::result_file::is_there;
 use crate::scope::Shown;
 use crate::text::Count;
 use file::File;
@@ -32,6 +33,11 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         && let Some(path) = &arguments.output
     {
         FileSink::check_name(path).map_err(failed(path))?;
+        // Now, and not when a sender comes.
+        let has_content = |there: std::fs::Metadata| there.is_file() && there.len() > 0;
+        if !arguments.replace && path.metadata().is_ok_and(has_content) {
+            return Err(is_there(path));
+        }
     }
     let deaf = |error| unusable(format_args!("--listen {}", arguments.listen), error);
     let (end, ends) = channel();
