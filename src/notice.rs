@@ -1,5 +1,6 @@
 //! The framework's messages on standard error.
 
+use luna_platform::signals;
 use std::fmt;
 use std::io::Write;
 
@@ -15,6 +16,8 @@ pub(crate) use notice;
 /// See [`notice!`].
 pub(crate) fn line(line: fmt::Arguments<'_>) {
     // In one write, so that lines of several threads stay whole. An error is ignored: there is no
-    // other place to report it.
-    let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
+    // other place to report it. Standard error may be a file that has reached its limit, or a
+    // terminal that this program may not write to: that is no reason to end the machine.
+    let line = format!("{line}\n");
+    let _ = signals::without_write_signals(|| std::io::stderr().write_all(line.as_bytes()));
 }

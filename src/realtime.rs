@@ -1,5 +1,28 @@
 //! The real-time path: whether this thread is on it ([`on_path`]), how it leaves it for a moment
-//! ([`off_path`]), and whether the system refused priority inheritance ([`refused_boosts`]).
+//! ([`off_path`]), whether the system refused priority inheritance ([`refused_boosts`]), and how a
+//! program that a process starts gets back what its executor has given up ([`ordinary_child`]).
+//!
+//! A program that a process starts by `std::process` runs on the core that its executor or thread is
+//! pinned to, beside the real-time processes, and does not get SIGINT, SIGTERM, SIGHUP and SIGQUIT,
+//! which those threads block. It has an ordinary policy. `ordinary_child` lets it run on all cores
+//! of this program and take signals:
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna::realtime::ordinary_child;
+//! use std::process::Command;
+//!
+//! let mut system = System::new("camera");
+//! let control = system.executor("control").core(0).build()?;
+//! control.process("starter").spawn(async {
+//!     // A program is started off the path: it takes milliseconds.
+//!     let ended = luna::blocking(|| ordinary_child(&mut Command::new("true")).status()).await;
+//!     let _ = ended;
+//!     Ok(())
+//! })?;
+//! system.run()?;
+//! # Ok::<(), luna::Error>(())
+//! ```
 //!
 //! ```
 //! use luna::realtime::{off_path, on_path};
@@ -15,3 +38,4 @@
 
 pub use luna_core::current::{RefusedBoosts, on_path, refused_boosts};
 pub use luna_core::path::off_path;
+pub use luna_platform::thread::ordinary_child;

@@ -54,6 +54,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
     set_parameters(&mut system, arguments)?;
     let shown = Show {
         log: arguments.log.as_deref(),
+        replaces: arguments.replace,
         scope: arguments.scope,
         scope_token: arguments.scope_token,
         picture: None,
@@ -115,7 +116,8 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<ExitCo
         ])
     })?;
     let has_missed = report.loops.get(LOOP).is_some_and(|timer| timer.missed > 0);
-    Ok(match demo.measurement.complete {
+    let is_recorded = exit::is_recorded(&report);
+    Ok(match demo.measurement.complete && is_recorded {
         true if arguments.strict && has_missed => ExitCode::from(exit::SLOTS_MISSED),
         complete => exit::of_a_run(complete),
     })
@@ -136,6 +138,8 @@ fn set_parameters(system: &mut System, arguments: &args::Demo) -> luna::Result<(
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Show<'a> {
     pub(crate) log: Option<&'a Path>,
+    /// The log may replace a file.
+    pub(crate) replaces: bool,
     pub(crate) scope: Option<SocketAddr>,
     pub(crate) scope_token: bool,
     /// What the scope shows beside the signals.
@@ -171,7 +175,10 @@ pub(crate) fn watch(system: &mut System, show: Show<'_>) -> Result<Watched, Fail
     // The file is the first, so that it decides what is recorded.
     let mut sinks = None;
     if let Some(path) = show.log {
-        let file = FileSink::create(path);
+        let file = match show.replaces {
+            true => FileSink::replace(path),
+            false => FileSink::create(path),
+        };
         sinks = Some(and(sinks, file.map_err(failed(path))?));
     }
     if let Some(address) = show.scope {

@@ -65,7 +65,9 @@ impl Failure {
                 | SetupError::DeploymentFile { .. }
                 | SetupError::Parameters(_),
             )) => 2,
-            Self::Luna(luna::Error::Record(RecordError::NameOfTheLogger { .. })) => 2,
+            Self::Luna(luna::Error::Record(
+                RecordError::NameOfTheLogger { .. } | RecordError::IsThere { .. },
+            )) => 2,
             // A device that cannot be opened; a later loss is the error of a process.
             #[cfg(unix)]
             Self::Luna(luna::Error::Device(_)) => 2,

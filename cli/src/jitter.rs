@@ -2,13 +2,12 @@
 
 use crate::alloc::Counting;
 use crate::beside::{self, Ended, EndsOnDrop};
-use crate::failure::{Failure, unusable};
+use crate::failure::{Failure, failed};
 use crate::print::print;
+use crate::result_file::ResultFile;
 use crate::{args, exit, place, report, text};
 use luna::prelude::*;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -18,12 +17,8 @@ const NAME: &str = "jitter";
 pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<ExitCode, Failure> {
     // Before the measurement: a path that cannot be written should not cost its time.
     let path = arguments.histogram.as_deref();
-    let histogram_failed = |error| {
-        let path = path.unwrap_or(Path::new("")).display();
-        unusable(format_args!("histogram {path}"), error)
-    };
-    let file = path.map(File::create).transpose();
-    let file = file.map_err(histogram_failed)?;
+    let create = |path| ResultFile::create(path, arguments.replace);
+    let file = path.map(create).transpose()?;
 
     let mut system = System::new(NAME);
     system.lock_memory();
@@ -32,8 +27,9 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<Exit
     let mut report = system.run()?;
     let measurement = report::measurement(&report, NAME, &[NAME], allocator.counts());
 
-    if let Some(file) = file {
-        write_histogram(file, report::latencies(&report, NAME)).map_err(histogram_failed)?;
+    if let Some((mut file, path)) = file.zip(path) {
+        write_histogram(&mut file, report::latencies(&report, NAME)).map_err(failed(path))?;
+        file.finish()?;
     }
     print(arguments.place.json, &measurement, || {
         let head = format!(
@@ -83,11 +79,13 @@ fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<Ended> {
 }
 
 /// A line for each latency that occurred, the shortest first.
-fn write_histogram(file: File, values: impl Iterator<Item = (u64, u64)>) -> std::io::Result<()> {
-    let mut file = BufWriter::new(file);
+fn write_histogram(
+    file: &mut ResultFile,
+    values: impl Iterator<Item = (u64, u64)>,
+) -> std::io::Result<()> {
     writeln!(file, "latency_ns,count")?;
     for (value, count) in values {
         writeln!(file, "{value},{count}")?;
     }
-    file.flush()
+    Ok(())
 }

@@ -29,6 +29,7 @@ mod programs;
 mod progress;
 mod record;
 mod report;
+mod result_file;
 mod scope;
 mod scope_parameters;
 mod text;
@@ -49,6 +50,7 @@ fn main() -> ExitCode {
     // The file is of the user's programs, and has names that no system of this command has.
     // SAFETY: no other thread has been started, so none reads the environment.
     unsafe { std::env::remove_var("LUNA_DEPLOYMENT") };
+    ignore_the_limit_of_files();
     let outcome = match Arguments::parse().command() {
         Command::Demo(demos) => run_demo(&demos),
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),
@@ -86,4 +88,14 @@ fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
         None => {}
     }
     demo::run(&demos.jiwy, &ALLOCATOR)
+}
+
+/// A file that reaches `RLIMIT_FSIZE` is an error of the write, which is reported, as a full disk is.
+fn ignore_the_limit_of_files() {
+    #[cfg(unix)]
+    {
+        use nix::sys::signal::{SigHandler, Signal, signal};
+        // SAFETY: to ignore a signal runs nothing. It fails for no signal that can be ignored.
+        let _ = unsafe { signal(Signal::SIGXFSZ, SigHandler::SigIgn) };
+    }
 }

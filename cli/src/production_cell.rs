@@ -1,8 +1,8 @@
 //! `luna demo production-cell`: six units in a circle, in the deployment that is asked for.
 
 use crate::demo::machine;
-use crate::failure::{Failure, failed};
-use crate::{args, columns};
+use crate::failure::Failure;
+use crate::{args, columns, result_file};
 use clap::{Args, ValueEnum};
 use luna::Report;
 use luna::prelude::*;
@@ -171,11 +171,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     };
     if let Some(path) = &arguments.picture {
         let svg = picture::svg(&run.outcome, &title(&run));
-        std::fs::write(path, svg).map_err(failed(path))?;
+        result_file::write(path, &svg, arguments.common.replace)?;
     }
     let is_good = run.outcome.is_good();
     let text = || text(&run, &report);
-    arguments.common.print(&run, text, is_good)
+    arguments.common.print(&run, &report, text, is_good)
 }
 
 /// Runs one unit.

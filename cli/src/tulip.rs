@@ -156,7 +156,7 @@ pub(crate) fn run(arguments: &Arguments, allocator: &Counting) -> Result<ExitCod
     };
     let is_good = run.findings.is_good();
     let text = || text(&run, &report);
-    arguments.common.print(&run, text, is_good)
+    arguments.common.print(&run, &report, text, is_good)
 }
 
 /// Runs the operator until it is asked to end.

@@ -218,6 +218,28 @@ impl FailoverSequence {
         }
     }
 
+    /// The present duty of a member that may begin no job: as [`take`](Self::take), but a job
+    /// that is free stays so, and is no duty.
+    pub fn look(&self) -> Leg {
+        match self.state() {
+            state if state.phase == Phase::Begun => state.turn().map_or(Leg::Rest, Leg::Watch),
+            _ => Leg::Rest,
+        }
+    }
+
+    /// Gives up the jobs that have not begun, if none runs: it is done. Returns the number of the
+    /// first of them; `None` if a job runs, or there is none left.
+    pub fn give_up(&self) -> Option<usize> {
+        let before = self.change(
+            |state| state.phase == Phase::Begun && state.runner == 0,
+            |state| {
+                state.next = state.jobs;
+                state.phase = Phase::Done;
+            },
+        );
+        before.ok().map(|state| state.next.into())
+    }
+
     /// The runner has run its job. Returns whether that counts; if not, the runner was left behind,
     /// and is no member any more.
     pub fn finish(&self, turn: Turn) -> bool {
@@ -238,6 +260,12 @@ impl FailoverSequence {
     /// Whether it has begun, done or not.
     pub fn has_begun(&self) -> bool {
         matches!(self.state().phase, Phase::Begun | Phase::Done)
+    }
+
+    /// Whether a member runs a job.
+    pub fn is_running(&self) -> bool {
+        let state = self.state();
+        state.phase == Phase::Begun && state.runner != 0
     }
 
     /// Whether it has begun, and is not done.

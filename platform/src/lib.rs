@@ -78,6 +78,8 @@ pub mod latency;
 mod local;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod memory;
+#[cfg(all(feature = "std", not(loom)))]
+pub mod new_file;
 pub mod on_drop;
 pub mod panics;
 #[cfg(all(feature = "std", not(loom)))]

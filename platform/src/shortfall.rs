@@ -3,7 +3,13 @@
 //! One type for all refusals, so that a report is one list and a strict start has one kind of
 //! error.
 
+mod means;
+
+pub use means::Means;
+
+use crate::facts::task::{CAP_IPC_LOCK, CAP_SYS_NICE};
 use crate::thread::Policy;
+use means::Asked;
 use std::fmt;
 use std::time::Duration;
 
@@ -203,6 +209,9 @@ pub enum LatencyRefusal {
     /// The process may not write to it.
     #[error("the process may not write to /dev/cpu_dma_latency")]
     NotPermitted,
+    /// The process, or the machine, has as many open files as it may have.
+    #[error("no file descriptor is left for /dev/cpu_dma_latency")]
+    NoDescriptors,
     /// Another error of the kernel.
     #[error("the kernel said: {message}")]
     Kernel {
@@ -241,15 +250,20 @@ impl Shortfall {
         }
     }
 
-    /// What to do to get it.
+    /// What this process can do to get it. Reads a file; not for the real-time path.
     pub fn remedy(&self) -> String {
+        self.remedy_with(Means::here())
+    }
+
+    /// What a process with these means can do to get it.
+    pub fn remedy_with(&self, means: Means) -> String {
         match self {
-            Shortfall::Policy { asked, why } => why.remedy(*asked),
+            Shortfall::Policy { asked, why } => why.remedy(*asked, means),
             Shortfall::Core { why, .. } => why.remedy(),
-            Shortfall::Inheritance { asked, why } => why.remedy(Policy::fifo(*asked)),
+            Shortfall::Inheritance { asked, why } => why.remedy(Policy::fifo(*asked), means),
             Shortfall::Spin { why, .. } => why.remedy(),
-            Shortfall::MemoryLock(why) => why.remedy(),
-            Shortfall::DmaLatency(why) => why.remedy(),
+            Shortfall::MemoryLock(why) => why.remedy(means),
+            Shortfall::DmaLatency(why) => why.remedy(means),
         }
     }
 }
@@ -305,10 +319,19 @@ impl PolicyRefusal {
         }
     }
 
-    fn remedy(&self, asked: Policy) -> String {
+    fn remedy(&self, asked: Policy, means: Means) -> String {
+        let capability = |plain, limit| {
+            means.remedy(&Asked {
+                name: "CAP_SYS_NICE",
+                bit: CAP_SYS_NICE,
+                plain,
+                limit,
+            })
+        };
         match self {
             Self::NotPermitted { .. } if asked.is_deadline() => {
-                "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM` (in a container: --cap-add SYS_NICE)".to_owned()
+                let plain = "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM` (in a container: --cap-add SYS_NICE)";
+                capability(plain.to_owned(), None)
             }
             Self::NotAllCores { .. } => {
                 "start it without taskset, or make its cpuset a root domain of its own (cpuset.cpus.partition), or choose SCHED_FIFO".to_owned()
@@ -324,11 +347,14 @@ impl PolicyRefusal {
             Self::UserNamespace if asked.is_deadline() => {
                 "start it outside of the namespace (a container that is not rootless)".to_owned()
             }
-            Self::NotPermitted { .. } => format!(
-                "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - rtprio {}` into \
-                 /etc/security/limits.d/luna.conf and log in again (in a container: --cap-add SYS_NICE --ulimit rtprio={0})",
-                asked.priority().max(99)
-            ),
+            Self::NotPermitted { .. } => {
+                let plain = format!(
+                    "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - rtprio {}` into \
+                     /etc/security/limits.d/luna.conf and log in again (in a container: --cap-add SYS_NICE --ulimit rtprio={0})",
+                    asked.priority().max(99)
+                );
+                capability(plain, Some("`ulimit -r 99`, LimitRTPRIO=99, a container's --ulimit rtprio=99"))
+            }
             Self::UserNamespace => format!(
                 "start it outside of the namespace (a container that is not rootless), or with a limit raised before it starts \
                  (--ulimit rtprio={})",
@@ -376,13 +402,16 @@ impl SpinRefusal {
 }
 
 impl MemoryRefusal {
-    fn remedy(&self) -> String {
+    fn remedy(&self, means: Means) -> String {
         match self {
-            Self::Limited { .. } => {
-                "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - memlock unlimited` into \
+            Self::Limited { .. } => means.remedy(&Asked {
+                name: "CAP_IPC_LOCK",
+                bit: CAP_IPC_LOCK,
+                plain: "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - memlock unlimited` into \
                  /etc/security/limits.d/luna.conf and log in again (in a container: --cap-add IPC_LOCK or --ulimit memlock=-1)"
-                    .to_owned()
-            }
+                    .to_owned(),
+                limit: Some("`ulimit -l unlimited`, LimitMEMLOCK=infinity, a container's --ulimit memlock=-1"),
+            }),
             Self::Kernel { .. } => "see mlockall(2)".to_owned(),
             Self::Unsupported => RUN_ON_LINUX.to_owned(),
         }
@@ -390,8 +419,16 @@ impl MemoryRefusal {
 }
 
 impl LatencyRefusal {
-    fn remedy(&self) -> String {
+    fn remedy(&self, means: Means) -> String {
         match self {
+            Self::NoDescriptors => {
+                "raise the limit on open files (`ulimit -n`, LimitNOFILE=), or close some".to_owned()
+            }
+            Self::NotPermitted if means.is_root() => {
+                "this is root, which may not here: pass the device into the container (--device /dev/cpu_dma_latency) or allow it to \
+                 the service (DeviceAllow=/dev/cpu_dma_latency w), and keep CAP_DAC_OVERRIDE if its mode does not let root write"
+                    .to_owned()
+            }
             Self::Missing => "build the kernel with CONFIG_PM and CONFIG_CPU_IDLE, or pass the device into the container".to_owned(),
             Self::NotPermitted => {
                 "run as root, or let a group write to it (chgrp realtime /dev/cpu_dma_latency && chmod g+w /dev/cpu_dma_latency)"
@@ -407,14 +444,19 @@ impl LatencyRefusal {
 mod tests {
     use super::*;
 
+    /// As `Display` shows it, whatever user runs the test.
+    fn of_plain_user(shortfall: &Shortfall) -> String {
+        let remedy = shortfall.remedy_with(Means::default());
+        format!("no {}: {}; {remedy}", shortfall.what(), shortfall.why())
+    }
+
     #[test]
     fn a_refusal_says_what_why_and_how() {
         let why = PolicyRefusal::NotPermitted { limit: Some(0) };
-        let text = Shortfall::Policy {
+        let text = of_plain_user(&Shortfall::Policy {
             asked: Policy::fifo(80),
             why,
-        }
-        .to_string();
+        });
         for part in [
             "fifo:80",
             "CAP_SYS_NICE",
@@ -430,10 +472,9 @@ mod tests {
         };
         let text = Shortfall::Core { asked: 77, why }.to_string();
         assert!(text.contains("core 77") && text.contains("0-1"), "{text}");
-        let text = Shortfall::MemoryLock(MemoryRefusal::Limited {
+        let text = of_plain_user(&Shortfall::MemoryLock(MemoryRefusal::Limited {
             limit: Some(8 << 20),
-        })
-        .to_string();
+        }));
         assert!(
             text.contains("8388608") && text.contains("memlock unlimited"),
             "{text}"

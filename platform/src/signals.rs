@@ -185,12 +185,17 @@ impl SignalWatch {
     }
 
     /// Ends the watch. If it was the last, and `again`, a received signal is sent to this process
-    /// once more, with its former effect: for a caller that has not acted on it, since it came too
-    /// late. Not for the real-time path.
+    /// once more where the program has a handler of its own for it: for a caller that has not acted
+    /// on it, since it came too late. Without a handler it would end the program, and what the
+    /// caller is about to report would be lost: the caller reports the signal. Not for the real-time
+    /// path.
     pub fn give_back(self, again: bool) {
         let received = self.end();
         std::mem::forget(self);
-        if again && let Some(number) = received {
+        if again
+            && let Some(number) = received
+            && backend::has_handler(number)
+        {
             backend::send_to_this_process(number);
         }
     }
@@ -230,18 +235,39 @@ pub fn received() -> Option<i32> {
 /// at once. One system call. It leaves out SIGHUP and SIGQUIT where the program handled or ignored
 /// them when [`HeldBack`] was made last.
 pub fn accept_here() {
-    backend::accept_here(true);
-}
-
-/// As [`accept_here`], without SIGQUIT: the [handler](crate::crash) of that one waits until other
-/// threads have done their work. For a thread that those threads need.
-pub fn accept_ends_here() {
-    backend::accept_here(false);
+    backend::accept_here();
 }
 
 /// Blocks them again, so that the kernel chooses another thread. One system call.
 pub fn refuse_here() {
     backend::hold_back();
+}
+
+/// Blocks what a write can raise on the calling thread, for good: SIGXFSZ (a file beyond
+/// `RLIMIT_FSIZE`), SIGPIPE (no reader is left) and SIGTTOU (a terminal that a background program may
+/// not write to, which would stop the whole program). The write fails then, or is done (SIGTTOU), and
+/// the caller counts the loss. For threads that only look: what they write must not end control. One
+/// system call.
+///
+/// ```
+/// luna_platform::signals::refuse_write_signals_here();
+/// ```
+pub fn refuse_write_signals_here() {
+    let _ = backend::refuse_write_signals();
+}
+
+/// As [`refuse_write_signals_here`] while `write` runs; what it raised is forgotten. For a thread
+/// that is not the framework's own. Some three system calls; not for the real-time path.
+///
+/// ```
+/// use std::io::Write;
+/// let written = luna_platform::signals::without_write_signals(|| std::io::stderr().write_all(b""));
+/// assert!(written.is_ok());
+/// ```
+pub fn without_write_signals<T>(write: impl FnOnce() -> T) -> T {
+    let before = backend::refuse_write_signals();
+    let _back = crate::on_drop::OnDrop::new(|| backend::forget_write_signals(&before));
+    write()
 }
 
 /// While it lives, the thread that made it blocks SIGINT, SIGTERM, SIGHUP and SIGQUIT, so that

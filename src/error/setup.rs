@@ -278,6 +278,17 @@ pub enum SetupError {
         /// What was refused, why, and how to get it.
         shortfall: Shortfall,
     },
+    /// An emergency came, such as a signal, while the start waited for a file that did not answer: a
+    /// FIFO without a partner, or a file of a network that is gone. The emergency functions have run.
+    #[error(
+        "the start was ended by {cause} while it waited to {what}, which did not answer; see that it does, or name another"
+    )]
+    StartInterrupted {
+        /// What was to be done, with the file's name.
+        what: String,
+        /// The emergency's cause.
+        cause: String,
+    },
     /// A thread could not be started.
     #[error("{message}")]
     Thread {

@@ -1,6 +1,7 @@
 //! Without the logger: the same names for processes, and nothing behind them.
 
-use crate::error::SetupError;
+use crate::error::Result;
+use crate::system::Opening;
 use std::cell::Cell;
 use std::convert::Infallible;
 use std::fmt;
@@ -173,7 +174,7 @@ impl Log {
 
     pub(crate) fn report(&self, _: u16, _: u32, _: [u64; 2]) {}
 
-    pub(crate) fn start(&self, _: bool, _: Asked) -> Result<Session, SetupError> {
+    pub(crate) fn start(&self, _: bool, _: Asked, _: bool, _: &Opening) -> Result<Session> {
         Ok(Session)
     }
 }
@@ -181,7 +182,7 @@ impl Log {
 pub(crate) struct Session;
 
 impl Session {
-    pub(crate) fn finish(self) -> Option<Infallible> {
+    pub(crate) fn finish(self, _: impl Fn() -> bool) -> Option<Infallible> {
         None
     }
 }

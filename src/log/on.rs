@@ -5,7 +5,9 @@ pub use luna_logger::{
     TcpSink, Tee, UdpSink, WriterSink, install, message,
 };
 
-use crate::error::SetupError;
+use crate::error::{Result, SetupError};
+use crate::notice::notice;
+use crate::system::Opening;
 use luna_logger::{Entered, Hub, LoggingReport, Recorder, TimeBase};
 use std::sync::Arc;
 
@@ -52,7 +54,13 @@ impl Log {
     }
 
     /// Chooses the clock, and begins to record, if the program or its environment asks for it.
-    pub(crate) fn start(&self, is_virtual: bool, asked: Asked) -> Result<Session, SetupError> {
+    pub(crate) fn start(
+        &self,
+        is_virtual: bool,
+        asked: Asked,
+        replaces: bool,
+        opening: &Opening,
+    ) -> Result<Session> {
         self.0.set_time(if is_virtual {
             TimeBase::OfThread
         } else {
@@ -63,12 +71,25 @@ impl Log {
                 .filter(|path| !path.is_empty())
                 .map(|path| with_events(Logging::to_place(path)))
         };
-        let session = asked
-            .or_else(by_variable)
-            .map(|recording| Recorder::start(&self.0, recording))
-            .transpose()
-            .map(Session)
-            .map_err(SetupError::Logging)?;
+        let Some(recording) = asked.or_else(by_variable) else {
+            return Ok(Session(None));
+        };
+        let recording = if replaces {
+            recording.replacing()
+        } else {
+            recording
+        };
+        let hub = self.0.clone();
+        let asked = recording.place();
+        let started = opening.wait_for(format!("record to {asked}"), move || {
+            Recorder::start(&hub, recording)
+        });
+        let recorder = started?.map_err(SetupError::Logging)?;
+        if recorder.place() != asked {
+            let place = recorder.place();
+            notice!("luna: {asked} is there already, so this run is recorded to {place}");
+        }
+        let session = Session(Some(recorder));
         #[cfg(feature = "events")]
         if self.0.records_events() {
             // Those that are made from now on are named as they are made.
@@ -115,8 +136,8 @@ fn with_events(recording: Logging) -> Logging {
 pub(crate) struct Session(Option<Recorder>);
 
 impl Session {
-    /// Ends it.
-    pub(crate) fn finish(self) -> Option<LoggingReport> {
-        self.0.map(Recorder::finish)
+    /// Ends it; once it `is_hurried`, without a wait for the sink.
+    pub(crate) fn finish(self, is_hurried: impl Fn() -> bool) -> Option<LoggingReport> {
+        self.0.map(|recorder| recorder.finish_unless(is_hurried))
     }
 }

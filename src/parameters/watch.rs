@@ -1,16 +1,27 @@
-//! The file's changes, which the thread that runs the system looks for.
+//! The file's changes, which a thread of its own looks for: a file that does not answer holds up
+//! nothing else.
 
 use super::error::SetError;
 use super::store::Store;
-use luna_platform::clock::Instant;
+use crate::notice::notice;
+use luna_platform::signals;
+use luna_platform::thread::{Attributes, Policy, SpawnError, spawn};
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, SystemTime};
 
-/// Looks now and then whether the file has changed.
+/// Looks now and then whether the file has changed, as long as it is there.
 pub(crate) struct FileWatch {
+    /// The thread ends when it is dropped, or when the file answers.
+    _ends: mpsc::Sender<()>,
+}
+
+/// The thread's.
+struct Looks {
+    store: Arc<Store>,
     file: PathBuf,
-    every: Duration,
-    next: Instant,
     changes: Changes,
 }
 
@@ -54,31 +65,49 @@ impl Changes {
 }
 
 impl FileWatch {
-    /// None if there is no file.
-    pub(crate) fn new(store: &Store, every: Duration) -> Option<Self> {
+    /// None if there is no file, or no thread to be had, which is reported.
+    pub(crate) fn start(store: &Arc<Store>, every: Duration) -> Option<Self> {
         let read = store.stamp();
-        Some(Self {
+        let mut looks = Looks {
             file: store.file()?,
-            every,
-            next: Instant::now() + every,
+            store: store.clone(),
             changes: Changes { read, last: read },
-        })
-    }
-
-    /// When to look again.
-    pub(crate) fn next(&self) -> Instant {
-        self.next
-    }
-
-    /// Looks, if it is time to; reads the file if it is another. An error is for once: until the
-    /// file changes again.
-    pub(crate) fn look(&mut self, store: &Store) -> Result<(), SetError> {
-        let now = Instant::now();
-        if now < self.next {
-            return Ok(());
+        };
+        let (ends, ended) = mpsc::channel();
+        let started = spawn(
+            Attributes::framework("luna-parameters", Policy::Other),
+            |_| {
+                signals::refuse_write_signals_here();
+                Ok(())
+            },
+            move |()| {
+                while ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
+                    let looked = looks.look();
+                    // Once the system ends nothing counts any more.
+                    if let Err(error) = looked
+                        && ended.try_recv() != Err(mpsc::TryRecvError::Disconnected)
+                    {
+                        notice!("luna: {error}");
+                    }
+                }
+            },
+        );
+        if let Err(error) = started.map_err(|error: SpawnError<Infallible>| error.to_string()) {
+            notice!("luna: changes of the parameters' file are not seen: {error}");
+            return None;
         }
-        self.next = now + self.every;
-        let Self { file, changes, .. } = self;
+        Some(Self { _ends: ends })
+    }
+}
+
+impl Looks {
+    /// Reads the file if it is another. An error is for once: until the file changes again.
+    fn look(&mut self) -> Result<(), SetError> {
+        let Self {
+            store,
+            file,
+            changes,
+        } = self;
         if !changes.are_to_be_read(stamp(file)) {
             return Ok(());
         }

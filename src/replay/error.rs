@@ -23,6 +23,14 @@ pub enum RecordError {
         /// Its path.
         path: String,
     },
+    /// The file is there, and would be lost; or another program writes it.
+    #[error(
+        "replay log `{path}`: it is there already, and would be lost; name another file, remove it, or say that it may be replaced (`System::replace_recordings`, `luna demo --replace`)"
+    )]
+    IsThere {
+        /// Its path.
+        path: String,
+    },
     /// It is no replay log.
     #[error(
         "the file is no replay log (.replay): `System::record` or `luna demo --record` makes one"

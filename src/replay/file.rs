@@ -6,7 +6,6 @@
 use super::error::RecordError;
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
 
 pub(super) const VERSION: u16 = 2;
 const MAGIC: &[u8; 8] = b"LUNAREPL";
@@ -66,8 +65,9 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    pub(super) fn create(path: &Path) -> std::io::Result<Self> {
-        let mut to = BufWriter::new(File::create(path)?);
+    /// Begins a file that is empty.
+    pub(super) fn begin(file: File) -> std::io::Result<Self> {
+        let mut to = BufWriter::new(file);
         let mut head = MAGIC.to_vec();
         head.extend(VERSION.to_le_bytes());
         let sum = checksum(0, &head);

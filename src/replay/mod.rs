@@ -50,6 +50,7 @@ pub use recording::Recording;
 pub use value::Value;
 
 use crate::error::Result;
+use crate::system::Opening;
 use luna_core::current;
 use luna_core::replay_log::{About, Event, LogInstaller, Turn};
 use luna_executors::ProcessSpec;
@@ -246,6 +247,7 @@ pub(crate) struct TapePlan {
 pub(crate) enum Mode {
     #[default]
     None,
+    /// To this file, with so much room of each process.
     Record(PathBuf, usize),
     Replay(Arc<Replayer>),
 }
@@ -263,16 +265,23 @@ impl TapePlan {
         }
     }
 
-    pub(crate) fn start(self, system: &str) -> Result<ReplayLogs> {
+    pub(crate) fn start(
+        self,
+        system: &str,
+        replaces: bool,
+        opening: &Opening,
+    ) -> Result<ReplayLogs> {
         Ok(match self.mode {
             Mode::None => ReplayLogs::None,
-            Mode::Record(path, room) => ReplayLogs::Record(Recorder::start(
-                &path,
-                room,
-                system,
-                &self.note,
-                &self.parameters,
-            )?),
+            Mode::Record(path, room) => {
+                let (note, parameters, system) = (self.note, self.parameters, system.to_owned());
+                let what = format!("make the replay log `{}`", path.display());
+                let started = opening.wait_for(what, move || {
+                    let file = Recorder::file(&path, replaces)?;
+                    Recorder::start(&path, file, room, &system, &note, &parameters)
+                });
+                ReplayLogs::Record(started??)
+            }
             Mode::Replay(replayer) => {
                 replayer.check_system(system)?;
                 ReplayLogs::Replay(replayer)
@@ -319,11 +328,14 @@ impl ReplayLogs {
         }
     }
 
-    /// To be called when all processes have ended.
-    pub(crate) fn finish(&self) -> Result<Option<RecordReport>, RecordError> {
+    /// To be called when all processes have ended. Waits for the file, but not once it `is_hurried`.
+    pub(crate) fn finish(
+        &self,
+        is_hurried: &dyn Fn() -> bool,
+    ) -> Result<Option<RecordReport>, RecordError> {
         match self {
             ReplayLogs::None => Ok(None),
-            ReplayLogs::Record(recorder) => recorder.finish().map(Some),
+            ReplayLogs::Record(recorder) => recorder.finish(is_hurried).map(Some),
             ReplayLogs::Replay(replayer) => replayer.finish().map(Some),
         }
     }

@@ -9,18 +9,26 @@ use super::file::{BlockKind, Writer};
 use luna_core::byte_ring::ByteRing;
 use luna_executors::Name;
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use luna_platform::{new_file, signals};
 use std::collections::HashMap;
 use std::convert::Infallible;
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The default room of a process' ring.
 pub(crate) const ROOM: usize = 64 << 10;
 /// The interval at which the thread looks at the rings.
 const PAUSE: Duration = Duration::from_millis(2);
+/// The longest wait for the file at the end of a recording, and the longest when a signal asks for
+/// the end of the program; the pauses meanwhile.
+const END_WITHIN: Duration = Duration::from_secs(10);
+const PATIENCE: Duration = Duration::from_millis(50);
+const LONGEST_PAUSE: Duration = Duration::from_millis(5);
 /// The longest part of a ring in one block.
 const MAX_AT_ONCE: usize = 32 << 10;
 
@@ -56,6 +64,32 @@ struct Writing {
     thread: Thread<std::io::Result<u64>>,
 }
 
+impl Writing {
+    /// Waits for the thread, and detaches it if it does not end.
+    fn end(self, is_hurried: &dyn Fn() -> bool) -> std::io::Result<u64> {
+        drop(self.wakes);
+        let mut until = Instant::now() + END_WITHIN;
+        let (mut has_hurried, mut pause) = (false, Duration::from_micros(20));
+        while !self.thread.is_finished() {
+            if !has_hurried && is_hurried() {
+                has_hurried = true;
+                until = until.min(Instant::now() + PATIENCE);
+            }
+            if Instant::now() >= until {
+                return Err(std::io::Error::new(
+                    std::io::ErrorKind::TimedOut,
+                    "it takes nothing more, so the end of the recording is not in it; see whether \
+                     its disk or network answers",
+                ));
+            }
+            std::thread::sleep(pause);
+            pause = (pause * 2).min(LONGEST_PAUSE);
+        }
+        // The panic hook has reported a panic.
+        self.thread.join().unwrap_or(Ok(0))
+    }
+}
+
 #[derive(Default)]
 struct Known {
     rings: Vec<Listed>,
@@ -75,19 +109,34 @@ struct Listed {
 }
 
 impl Recorder {
+    /// The file of a recording.
+    pub(crate) fn file(path: &Path, replaces: bool) -> Result<File, RecordError> {
+        if path.extension().is_some_and(|suffix| suffix == "luna") {
+            let path = path.display().to_string();
+            return Err(RecordError::NameOfTheLogger { path });
+        }
+        let file = match replaces {
+            true => new_file::replace(path),
+            false => new_file::create(path),
+        };
+        file.map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => RecordError::IsThere {
+                path: path.display().to_string(),
+            },
+            _ => file_error(path, &error),
+        })
+    }
+
     pub(crate) fn start(
         path: &Path,
+        file: File,
         room: usize,
         system: &str,
         note: &str,
         parameters: &[(String, String)],
     ) -> Result<Arc<Self>, RecordError> {
         let failed = |error: std::io::Error| file_error(path, &error);
-        if path.extension().is_some_and(|suffix| suffix == "luna") {
-            let path = path.display().to_string();
-            return Err(RecordError::NameOfTheLogger { path });
-        }
-        let writer = Self::begin(path, system, note, parameters).map_err(failed)?;
+        let writer = Self::begin(file, system, note, parameters).map_err(failed)?;
         let recorder = Arc::new(Self {
             stamps: AtomicU64::new(1),
             room: room.max(256),
@@ -102,7 +151,10 @@ impl Recorder {
         // thread is to have neither.
         let thread = spawn(
             Attributes::framework("luna-record", Policy::Other),
-            |_| Ok::<_, Infallible>(()),
+            |_| {
+                signals::refuse_write_signals_here();
+                Ok::<_, Infallible>(())
+            },
             move |()| Self::write(&shared, writer, &woken),
         )
         .map_err(|error| failed(std::io::Error::other(error.to_string())))?;
@@ -112,12 +164,12 @@ impl Recorder {
 
     /// Writes what is known at the start, so that it is there, also if the program crashes.
     fn begin(
-        path: &Path,
+        file: File,
         system: &str,
         note: &str,
         parameters: &[(String, String)],
     ) -> std::io::Result<Writer> {
-        let mut writer = Writer::create(path)?;
+        let mut writer = Writer::begin(file)?;
         writer.block(BlockKind::System, &[system.as_bytes()])?;
         writer.block(BlockKind::Note, &[note.as_bytes()])?;
         for (name, value) in parameters {
@@ -216,18 +268,18 @@ impl Recorder {
         })
     }
 
-    /// Writes what is left. To be called when no process is left that could still end.
-    pub(crate) fn finish(&self) -> Result<RecordReport, RecordError> {
+    /// Writes what is left. To be called when no process is left that could still end. Waits for the
+    /// file at most [`END_WITHIN`], and for [`PATIENCE`] once it `is_hurried`.
+    pub(crate) fn finish(
+        &self,
+        is_hurried: &dyn Fn() -> bool,
+    ) -> Result<RecordReport, RecordError> {
         self.stops.store(true, Ordering::Release);
         let writing = lock(&self.writer).take();
-        let written = writing.map(|Writing { wakes, thread }| {
-            drop(wakes);
-            thread.join()
-        });
-        let bytes = match written {
-            Some(Ok(Ok(bytes))) => bytes,
-            Some(Ok(Err(error))) => return Err(file_error(&self.path, &error)),
-            Some(Err(_)) | None => 0,
+        let bytes = match writing.map(|writing| writing.end(is_hurried)) {
+            Some(Ok(bytes)) => bytes,
+            Some(Err(error)) => return Err(file_error(&self.path, &error)),
+            None => 0,
         };
         let known = lock(&self.known);
         let mut report = RecordReport {

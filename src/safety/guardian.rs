@@ -18,6 +18,7 @@ use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use luna_platform::memory;
 use luna_platform::parent::{ParentWatch, outlive_requests};
+use luna_platform::signals;
 use luna_platform::thread::{Attributes, EMERGENCY_PRIORITY, Policy, apply_to_current};
 use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader, Write};
@@ -322,7 +323,7 @@ impl Drop for GuardianWatch {
             && self.is_safe
         {
             // A guardian that has ended reads nothing.
-            let _ = input.write_all(FAREWELL);
+            let _ = signals::without_write_signals(|| input.write_all(FAREWELL));
         }
         // Its end is noticed by the end of its output: the reader then drops its end of `ended`.
         if self.ended.recv_timeout(ENDS_WITHIN) == Err(mpsc::RecvTimeoutError::Timeout) {

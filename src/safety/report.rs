@@ -34,14 +34,16 @@ pub struct SafetyReport {
 }
 
 impl SafetyReport {
-    /// The functions of both kinds that did not run to their end as they should.
+    /// The functions of both kinds that did not run to their end as they should, or for which no
+    /// thread was left.
     pub fn failed(&self) -> impl Iterator<Item = &FunctionReport> {
         let all = self.functions.iter().chain(&self.safe_state_functions);
         all.filter(|one| {
-            matches!(
-                one.outcome,
-                FunctionOutcome::Panicked | FunctionOutcome::LeftBehind
-            )
+            one.no_thread_left
+                || matches!(
+                    one.outcome,
+                    FunctionOutcome::Panicked | FunctionOutcome::LeftBehind
+                )
         })
     }
 }
@@ -53,7 +55,9 @@ impl fmt::Display for SafetyReport {
         }
         writeln!(f, "safety: {}", self.state)?;
         let all = self.functions.iter().chain(&self.safe_state_functions);
-        for function in all.filter(|one| one.outcome != FunctionOutcome::NotRun) {
+        let was_due =
+            |one: &&FunctionReport| one.outcome != FunctionOutcome::NotRun || one.no_thread_left;
+        for function in all.filter(was_due) {
             writeln!(f, "  function {function}")?;
         }
         Ok(())

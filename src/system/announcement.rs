@@ -10,6 +10,7 @@ use super::compose;
 use super::plan::Plan;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::notice::notice;
+use luna_platform::signals;
 use std::fmt::Write as _;
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, Read as _, Write as _};
@@ -234,14 +235,16 @@ impl Announcement {
         };
         let addresses = asked.or_else(by_variable)?;
         let threads = compose::parts(&plan.members());
-        match Self::make(&text(plan.name(), &threads, &addresses)) {
+        let text = text(plan.name(), &threads, &addresses);
+        match signals::without_write_signals(|| Self::make(&text)) {
             Ok(announcement) => Some(announcement),
             Err(error) => {
                 let folder = folder();
                 notice!(
-                    "luna: system `{}` is not announced, so `luna list` does not show it: {}: {error}: is there room, and may this user write there?",
+                    "luna: system `{}` is not announced, so `luna list` does not show it: {}: {error}; {}",
                     plan.name(),
-                    folder.display()
+                    folder.display(),
+                    remedy(&error)
                 );
                 None
             }
@@ -273,6 +276,44 @@ impl Announcement {
             };
             return written.map(|()| announcement);
         }
+    }
+}
+
+/// What to do about an error of the folder, or of a file in it.
+fn remedy(error: &io::Error) -> &'static str {
+    use io::ErrorKind::{
+        FileTooLarge, NotFound, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull,
+    };
+    match error.kind() {
+        StorageFull => {
+            "make room there, or give it a larger file system (a container's --shm-size)"
+        }
+        QuotaExceeded => "raise this user's quota, or remove files of its own",
+        FileTooLarge => "raise the limit on file sizes (`ulimit -f`, LimitFSIZE=)",
+        NotFound => "mount a file system there (tmpfs)",
+        ReadOnlyFilesystem => "mount it so that it can be written",
+        PermissionDenied => "let this user write there (its mode is 1777 as a rule)",
+        _ if is_without_descriptors(error) => {
+            "raise the limit on open files (`ulimit -n`, LimitNOFILE=), or close some"
+        }
+        _ => "see whether files can be made there",
+    }
+}
+
+/// Whether the process or the machine has as many open files as it may have.
+fn is_without_descriptors(error: &io::Error) -> bool {
+    #[cfg(unix)]
+    {
+        /// ENFILE and EMFILE, which all Unixes number so.
+        const NUMBERS: [i32; 2] = [23, 24];
+        error
+            .raw_os_error()
+            .is_some_and(|number| NUMBERS.contains(&number))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = error;
+        false
     }
 }
 
@@ -334,6 +375,21 @@ mod tests {
             "http://127.0.0.1:1/?a=b c".to_owned(),
         )];
         text(system, &threads, &addresses)
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_remedy_is_that_of_the_error() {
+        let [enospc, emfile, efbig, eacces] = [28, 24, 27, 13];
+        for (number, part) in [
+            (enospc, "make room"),
+            (emfile, "ulimit -n"),
+            (efbig, "ulimit -f"),
+            (eacces, "let this user write"),
+        ] {
+            let remedy = remedy(&io::Error::from_raw_os_error(number));
+            assert!(remedy.contains(part), "{number}: {remedy}");
+        }
     }
 
     #[test]

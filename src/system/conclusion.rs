@@ -31,8 +31,9 @@ pub(super) struct Ended {
     pub(super) running: Arc<Running>,
 }
 
-/// Makes the report, which the plan keeps, and gives it or the error of the run.
-pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
+/// Makes the report, which the plan keeps, and gives it or the error of the run. It waits for what
+/// records the run, but not once it `is_hurried`.
+pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool) -> Result<Report> {
     let running = ended.running.clone();
     let (emergency, replay_logs) = (&running.common.emergency, &running.common.replay_logs);
     let mut members = plan.members();
@@ -40,7 +41,7 @@ pub(super) fn conclude(plan: &Plan, ended: Ended) -> Result<Report> {
     for line in Warnings::rest(&members) {
         notice!("{line}");
     }
-    let recorded = replay_logs.finish();
+    let recorded = replay_logs.finish(is_hurried);
     let started = &members.started;
     let raised = raised_error(started, emergency);
     let end = end_of(&ended, started, raised.is_some());

@@ -1,7 +1,10 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
 mod machine;
+mod opening;
 mod processes;
+
+pub(crate) use opening::Opening;
 
 use super::clock::ClockKind;
 use super::neighbours;
@@ -18,6 +21,7 @@ use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::MemoryLock;
 use luna_platform::shortfall::Shortfall;
+use luna_platform::signals::HeldBack;
 use luna_platform::thread::{Attributes, Mode, TIMER_PRIORITY};
 use machine::{Needs, lock_memory};
 use processes::start_processes;
@@ -43,6 +47,8 @@ pub(super) struct Launched {
     pub(super) shortfalls: Vec<Shortfall>,
     pub(super) recording: Session,
     pub(super) look_at_parameters: Option<Duration>,
+    /// Held until the run returns.
+    pub(super) held_back: Option<HeldBack>,
     _memory: Option<MemoryLock>,
     _latency: Option<DmaLatency>,
 }
@@ -111,20 +117,34 @@ fn launch_described(
     let memory = lock_memory(&settings, &mut shortfalls)?;
     let latency = needs.hold_latency(&mut shortfalls);
     let log = plan.log.clone();
-    let recording = log.start(is_virtual, std::mem::take(&mut settings.logging))?;
-    let recorded = settings.replay_logs.recorded_parameters();
-    settings.replay_logs.parameters = plan.parameters.begin(&log, &clock, recorded.as_deref())?;
-    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
-        message: error.to_string(),
-    })?;
-
     let emergency = plan.emergency.clone();
     emergency.journal.record(log.clone());
     if let Some(simulation) = &handle {
         emergency.simulate(simulation.clone());
     }
-    let safety = SafetyThreads::start(&emergency, registry, &settings, &needs)?;
-    shortfalls.extend_from_slice(safety.emergency.shortfalls());
+    // The emergency manager takes signals, since it has a higher priority. They are held back no
+    // earlier than its threads are there, and these before any file is opened: it may not answer.
+    let held_back = HeldBack::here();
+    let (own, cores) = (emergency.clone(), &needs.cores);
+    let guard = EmergencyThread::start(own, registry.clone(), needs.real_time, cores)?;
+    shortfalls.extend_from_slice(guard.shortfalls());
+    let opening = Opening::new(&emergency);
+    let asked = std::mem::take(&mut settings.logging);
+    let recording = log.start(is_virtual, asked, settings.replaces, &opening)?;
+    let recorded = settings.replay_logs.recorded_parameters();
+    settings.replay_logs.parameters =
+        plan.parameters
+            .begin(&log, &clock, recorded.as_deref(), &opening)?;
+    let replay_logs = std::mem::take(&mut settings.replay_logs).start(
+        plan.name(),
+        settings.replaces,
+        &opening,
+    )?;
+    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
+        message: error.to_string(),
+    })?;
+
+    let safety = SafetyThreads::start(guard, &emergency, &settings, &needs)?;
     let loops = settings.max_loops.unwrap_or(LOOPS);
     let manager = settings.manager.take();
     let (manager, timers) = match manager {
@@ -168,7 +188,7 @@ fn launch_described(
             registry: registry.clone(),
             clock: clock.clone(),
             log,
-            replay_logs: std::mem::take(&mut settings.replay_logs).start(plan.name())?,
+            replay_logs,
         }),
         mode: needs.mode,
         simulation: handle,
@@ -187,6 +207,7 @@ fn launch_described(
         shortfalls,
         recording,
         look_at_parameters: settings.look_at_parameters,
+        held_back: Some(held_back),
         _memory: memory,
         _latency: latency,
     })
@@ -236,9 +257,10 @@ pub(super) struct SafetyThreads {
 }
 
 impl SafetyThreads {
+    /// Starts the others beside `guard`.
     fn start(
+        guard: EmergencyThread,
         emergency: &Arc<Emergency>,
-        registry: &Arc<ProcessRegistry>,
         settings: &Settings,
         needs: &Needs,
     ) -> Result<Self> {
@@ -247,8 +269,6 @@ impl SafetyThreads {
         let guardian = guardian
             .map(|guardian| GuardianWatch::start(guardian, emergency.clone(), strict))
             .transpose()?;
-        let (own, registry) = (emergency.clone(), registry.clone());
-        let guard = EmergencyThread::start(own, registry, needs.real_time, &needs.cores)?;
         let parent = match settings.parents_death {
             true => ParentThread::start(emergency.clone(), needs.policy(TIMER_PRIORITY), strict)?,
             false => None,

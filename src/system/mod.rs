@@ -52,6 +52,7 @@ use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
 use crate::report::Report;
 use crate::time::{TimerManager, Timers};
+pub(crate) use launch::Opening;
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
 pub(crate) use plan::{Member, Phase, Plan};
@@ -283,7 +284,9 @@ impl System {
     }
 
     /// Records the [signals](crate::Signal) and [messages](crate::log::message()) of the system in
-    /// a new file at `path`, from the start to the end; one that is there is replaced. `luna
+    /// a new file at `path`, from the start to the end. If one is there it stays: this recording goes
+    /// to the first free of `run-2.luna`, `run-3.luna` and so on, which a line on standard error and
+    /// the report name, unless [`replace_recordings`](Self::replace_recordings) was called. `luna
     /// convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost,
     /// stands in [`Report::logging`](crate::Report::logging).
     ///
@@ -485,13 +488,15 @@ impl System {
     /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then
     /// cancel all processes; the report is returned as usual, and names the signal. A second signal
     /// ends the program at once. A process that does not end within two seconds then is left
-    /// behind. This thread blocks those three and SIGQUIT while it is in here, so that the
-    /// emergency manager's own takes them, as soon as they come; SIGHUP and SIGQUIT only if the
-    /// program neither handles nor ignores them.
+    /// behind. A signal that comes when all has ended is the report's
+    /// [`late_signal`](Report::late_signal). This thread blocks those three and SIGQUIT as soon as
+    /// the emergency manager's threads are there, before it opens any file, so that those take them
+    /// at once; SIGHUP and SIGQUIT only if the program neither handles nor ignores them.
     ///
     /// # Errors
     ///
-    /// A [`SetupError`] if the system cannot be started, is inside a process, or
+    /// A [`SetupError`] if the system cannot be started (also if a signal comes while a file does not
+    /// answer: [`StartInterrupted`](SetupError::StartInterrupted)), is inside a process, or
     /// has been run before; the first error of a `pre_run`, with its process' name; then
     /// [`report`](Self::report) returns the report. A panic or else the first error of a process,
     /// in the order of spawning, when all have ended: when a process fails the others go on. The

@@ -81,7 +81,7 @@ impl System {
         Ok(others.inspect_err(|_| self.plan.note_refusal())?)
     }
 
-    /// Reads the file of parameters again whenever it has changed: the thread that runs the system
+    /// Reads the file of parameters again whenever it has changed: a thread without priority
     /// looks at its time, length and number four times a second, and reads it when two looks have
     /// found the same. What is refused then is reported on standard error, and the values stay. An
     /// empty file counts as one that is not written yet. Not on a virtual clock, where the time of

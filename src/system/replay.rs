@@ -13,8 +13,9 @@ impl System {
     /// 2 ms. What does not fit is counted in the [report](crate::Report::record): no process waits
     /// for the file. Recorded processes take the slow path for each communication, some tens of
     /// nanoseconds longer than the fast path of one executor. The run's error is
-    /// [`Error::Record`](crate::Error::Record) if the file cannot be written, or its name ends in
-    /// `.luna`, as that of a recording of the logger.
+    /// [`Error::Record`](crate::Error::Record) if the file cannot be written, is there already (see
+    /// [`replace_recordings`](Self::replace_recordings)), or its name ends in `.luna`, as that of a
+    /// recording of the logger.
     pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
         self.record_room(path, ROOM)
     }
@@ -22,6 +23,31 @@ impl System {
     /// As [`record`](Self::record), with room for `bytes` bytes of each process; at least 256.
     pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
         self.plan.settings().replay_logs.mode = Mode::Record(path.into(), bytes);
+        self
+    }
+
+    /// Lets recordings replace files that are there: their former content is lost. It holds for
+    /// [`record`](Self::record), `log_to` and `LUNA_LOG`. Without it a replay log that is there ends
+    /// the start, and a recording of the logger goes to a name with a number.
+    ///
+    /// A file that another program writes is never replaced: that ends the start.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// let file = std::env::temp_dir().join(format!("luna-last-run-{}.replay", std::process::id()));
+    /// for _ in 0..2 {
+    ///     let mut system = System::new("again and again");
+    ///     system.record(&file).replace_recordings();
+    ///     let main = system.executor("main").build()?;
+    ///     main.process("one").spawn(async { Ok(()) })?;
+    ///     system.run()?;
+    /// }
+    /// # std::fs::remove_file(file).unwrap();
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn replace_recordings(&mut self) -> &mut Self {
+        self.plan.settings().replaces = true;
         self
     }
 

@@ -50,8 +50,9 @@ impl System {
     /// take, on the machine's clock.
     ///
     /// When that is over it goes on at low priority (SCHED_OTHER, nice 19) if it can, and another
-    /// thread, which was made before the start, begins the next; seven may hang so. It is noticed
-    /// at most a millisecond late.
+    /// thread, which was made before the start, begins the next; seven may hang so. If one more
+    /// hangs, those behind it do not run, and the report says so. It is noticed at most a
+    /// millisecond late.
     ///
     /// # Panics
     ///

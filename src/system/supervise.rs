@@ -15,13 +15,12 @@ use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::parameters::FileWatch;
 use crate::report::{Report, StampReport};
-use crate::safety::Cause;
+use crate::safety::{Cause, EmergencyThread};
 use crate::time::ManagerThread;
 use luna_core::current;
 use luna_core::events::code;
 use luna_platform::clock::{Clock, Instant, nanos};
 use luna_platform::facts::Source;
-use luna_platform::signals::HeldBack;
 use luna_platform::thread::{HandlerStack, Obtained, above_users};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -42,12 +41,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
     // Also in a blocking call of a process on virtual time: this system has a clock of its own.
     let _clock = Clock::REAL.enter();
-    // The emergency manager takes signals, since it has a higher priority. The handlers need a
-    // stack of their own, should this thread use up its stack.
+    // The handlers of crashes need a stack of their own, should this thread use up its stack.
     let _handlers = HandlerStack::here();
-    let _held_back = HeldBack::here();
     let announced = plan.settings().announced.take();
     let mut launched = launch(plan)?;
+    // Until the emergency's threads take none any more.
+    let _held_back = launched.held_back.take();
     // Dropped before what was launched: the emergency functions come first, should this thread
     // panic.
     let mut system_threads = SystemThreads {
@@ -65,7 +64,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let pending = PendingErrors::default();
     let deadlock = watch(&mut system_threads, &launched, &mut stolen, &pending);
     drop(announcement);
-    let ended = end(
+    let (ended, signals) = end(
         launched,
         &mut system_threads,
         begun,
@@ -73,9 +72,15 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         stolen,
         &pending,
     );
-    let outcome = conclude(plan, ended);
+    let mut outcome = conclude(plan, ended, &|| signals.late_signal().is_some());
     system_threads.is_over = true;
     pending.settle(outcome.as_ref().err());
+    let late_signal = signals.late_signal();
+    drop(signals);
+    let kept = &mut plan.members().report;
+    for report in outcome.as_mut().ok().into_iter().chain(kept) {
+        report.late_signal = late_signal;
+    }
     outcome
 }
 
@@ -123,7 +128,8 @@ fn release(plan: &Plan, launched: &mut Launched, system_threads: &SystemThreads<
     begun
 }
 
-/// Ends what is left of the system: its threads, and then the emergency.
+/// Ends what is left of the system: its threads, and then the emergency. The thread that is given
+/// with that takes signals until it is dropped.
 fn end(
     launched: Launched,
     system_threads: &mut SystemThreads<'_>,
@@ -131,9 +137,9 @@ fn end(
     deadlock: Option<Deadlock>,
     mut stolen: Stolen,
     pending: &PendingErrors,
-) -> Ended {
+) -> (Ended, EmergencyThread) {
     let plan = system_threads.plan;
-    let (running, safety_threads) = (launched.running, launched.safety);
+    let (running, mut safety_threads) = (launched.running, launched.safety);
     let (common, emergency) = (&running.common, &running.common.emergency);
     let standstill = running.standstill().filter(|_| !emergency.is_safe());
     let elapsed = common.clock.now() - begun.at;
@@ -188,7 +194,7 @@ fn end(
     }
     for function in safety.failed() {
         // Only now: standard error may be a pipe without a reader.
-        notice!("luna: emergency function {function}; the others ran");
+        notice!("luna: emergency function {function}");
     }
     plan.parameters.end();
     // Only detached threads of the system can still record.
@@ -196,8 +202,10 @@ fn end(
         not(feature = "logger"),
         expect(unused_variables, reason = "without the logger there is none")
     )]
-    let logging = launched.recording.finish();
-    Ended {
+    let logging = launched
+        .recording
+        .finish(|| safety_threads.emergency.late_signal().is_some());
+    let ended = Ended {
         report: Report {
             system: plan.name().to_owned(),
             clock: launched.clock,
@@ -220,7 +228,8 @@ fn end(
         was_emergency,
         stolen,
         running,
-    }
+    };
+    (ended, safety_threads.emergency)
 }
 
 /// Looks for polls and cycles that do not end. Returns when to look again.
@@ -264,7 +273,7 @@ fn watch(
     let every = launched
         .look_at_parameters
         .filter(|_| !launched.clock.is_virtual());
-    let mut file = every.and_then(|every| FileWatch::new(&plan.parameters, every));
+    let _file = every.and_then(|every| FileWatch::start(&plan.parameters, every));
     loop {
         let seen = registry.changes();
         if emergency.has_begun() && !emergency.is_safe() {
@@ -325,15 +334,8 @@ fn watch(
                 }
             }
         }
-        let mut until = look_again.min(warn_again).min(next_sample);
-        until = until.min(overdue_at);
-        until = until.min(pending.report_due());
-        if let Some(file) = &mut file {
-            if let Err(error) = file.look(&plan.parameters) {
-                notice!("luna: {error}");
-            }
-            until = until.min(file.next());
-        }
+        let until = look_again.min(warn_again).min(next_sample);
+        let until = until.min(overdue_at).min(pending.report_due());
         if have_ended {
             // More may end soon, and need not wake this thread one by one.
             registry.rest(seen, until.min(Instant::now() + rest));

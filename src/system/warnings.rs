@@ -6,7 +6,7 @@ use crate::notice::notice;
 use luna_core::current::ProcessId;
 use luna_executors::Executor;
 use luna_platform::clock::Instant;
-use luna_platform::shortfall::{LatencyRefusal, MemoryRefusal, PolicyRefusal, Shortfall};
+use luna_platform::shortfall::{LatencyRefusal, Means, MemoryRefusal, PolicyRefusal, Shortfall};
 use std::collections::{HashMap, VecDeque};
 use std::time::Duration;
 
@@ -88,13 +88,13 @@ pub(super) fn announce_shortfalls(
         .map(|one| ("system", one))
         .chain(of_all)
         .collect();
-    for line in lines_about(&all) {
+    for line in lines_about(&all, Means::here().is_root()) {
         notice!("luna: {line}");
     }
 }
 
 /// One line for the privileges that are missing, and one for each other reason.
-fn lines_about(all: &[(&str, &Shortfall)]) -> Vec<String> {
+fn lines_about(all: &[(&str, &Shortfall)], is_root: bool) -> Vec<String> {
     let mut missing: Vec<&str> = Vec::new();
     let mut others: Vec<(Vec<&str>, &Shortfall)> = Vec::new();
     for &(name, one) in all {
@@ -110,9 +110,13 @@ fn lines_about(all: &[(&str, &Shortfall)]) -> Vec<String> {
     }
     // The thread, the value and the reason of each are in the report.
     let missing = (!missing.is_empty()).then(|| {
+        // What root lacks is taken from it, and the remedy of each, in the report, says how.
+        let remedy = match is_root {
+            false => "run as root or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`",
+            true => "this is root without the capabilities: give them to its container or service",
+        };
         format!(
-            "best effort, without {}: run as root or `sudo setcap cap_sys_nice,cap_ipc_lock+ep \
-             PROGRAM`; see docs/realtime.md#permissions",
+            "best effort, without {}: {remedy}; see docs/realtime.md#permissions",
             missing.join(", ")
         )
     });
@@ -156,7 +160,7 @@ mod tests {
             ("control", &fifo),
             ("an executor with a name of many words", &deadline),
         ];
-        let lines = lines_about(&all);
+        let lines = lines_about(&all, false);
         assert_eq!(lines.len(), 1, "{lines:?}");
         assert!("luna: ".len() + lines[0].len() <= 200, "{lines:?}");
         for part in [
@@ -178,12 +182,12 @@ mod tests {
             asked: Duration::from_micros(50),
             why: SpinRefusal::NotPinned,
         };
-        let lines = lines_about(&[("one", &core), ("two", &spin), ("three", &core)]);
+        let lines = lines_about(&[("one", &core), ("two", &spin), ("three", &core)], false);
         let expected = [
             format!("best effort, one, three: {core}"),
             format!("best effort, two: {spin}"),
         ];
         assert_eq!(lines, expected);
-        assert_eq!(lines_about(&[]), [""; 0]);
+        assert_eq!(lines_about(&[], false), [""; 0]);
     }
 }

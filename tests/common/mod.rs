@@ -16,7 +16,8 @@ use luna::system::ProcessBuilder;
 use luna::{End, Error, Policy, Report, System};
 pub(crate) use spawn::SpawnOk;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
+use std::sync::{PoisonError, RwLock, RwLockReadGuard};
 pub(crate) use temp_file::TempFile;
 
 /// Whether the complete platform layer is below: policies, cores and signals.
@@ -133,6 +134,33 @@ pub(crate) fn part_of_caller() -> String {
     format!("{}::part", module.display())
 }
 
+/// Held for reading by tests that look at the end of a pipe or socket, and for writing while a
+/// program is started: until it runs, it has copies of all descriptors of this one, so that an end
+/// that was closed here is open still.
+static FORKS: RwLock<()> = RwLock::new(());
+
+/// No program is started by another test meanwhile. The test itself starts none.
+pub(crate) struct WithoutForks(
+    #[expect(dead_code, reason = "it is held")] RwLockReadGuard<'static, ()>,
+);
+
+/// Waits until no program is being started, and lets none be.
+pub(crate) fn without_forks() -> WithoutForks {
+    WithoutForks(FORKS.read().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// Starts a program, while no test looks at the end of a pipe.
+pub(crate) fn spawn(command: &mut Command) -> Child {
+    let _alone = FORKS.write().unwrap_or_else(PoisonError::into_inner);
+    command.spawn().unwrap()
+}
+
+/// As [`spawn`], and waits for the end of the program. Gives what it said.
+pub(crate) fn output(command: &mut Command) -> Output {
+    command.stdout(Stdio::piped());
+    spawn(command).wait_with_output().unwrap()
+}
+
 /// A child process that runs a part of this very test program.
 pub(crate) struct Program {
     child: Child,
@@ -157,14 +185,13 @@ impl Program {
 
     /// With `command`, to which what the test program needs is appended; it runs `test`.
     pub(crate) fn start_by(mut command: Command, test: &str, part: &str) -> Self {
-        let mut child = command
+        command
             .args([test, "--exact", "--nocapture", "--test-threads=1"])
             .env(PART, part)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+            .stderr(Stdio::piped());
+        let mut child = spawn(&mut command);
         let output = BufReader::new(child.stdout.take().unwrap());
         Self { child, output }
     }
@@ -334,10 +361,13 @@ fn as_other_user(by: fn(&std::path::Path) -> Command, part: &str) -> Option<Ende
         std::fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
     }
     let test = part_of_caller();
-    let can = by(&copy)
-        .arg("--list")
-        .output()
-        .is_ok_and(|output| output.status.success());
+    let can = {
+        let _alone = FORKS.write().unwrap_or_else(PoisonError::into_inner);
+        by(&copy)
+            .arg("--list")
+            .output()
+            .is_ok_and(|output| output.status.success())
+    };
     let ended = can.then(|| Program::start_by(by(&copy), &test, part).end());
     std::fs::remove_dir_all(folder).unwrap();
     if !can {
@@ -368,6 +398,11 @@ pub(crate) fn exit_by(report: &Report) -> ! {
 /// A watchdog for a test that waits for files; none where the platform cannot, which is reported.
 pub(crate) fn with_files() -> Option<Watchdog> {
     watchdog_if_complete("the portable layer cannot wait for files")
+}
+
+/// As [`with_files`], for a test that looks at the end of a pipe or socket.
+pub(crate) fn with_ends() -> Option<(Watchdog, WithoutForks)> {
+    with_files().map(|watchdog| (watchdog, without_forks()))
 }
 
 /// A watchdog for a test of signals; none where there are none, which is reported.

@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::common;
-use common::{PLACEMENTS, Placement, SpawnOk, with_files};
+use common::{PLACEMENTS, Placement, SpawnOk, with_ends};
 use luna::external::{Frame, Framing, FromBytes, Malformed, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::process::IntoProcess;
@@ -77,7 +77,7 @@ impl ToBytes for Pose {
 /// around, with links at each place.
 #[test]
 fn typed_values_go_out_and_come_in() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     const COUNT: u32 = 2000;
     for out_place in PLACEMENTS {
         for in_place in PLACEMENTS {
@@ -116,7 +116,7 @@ fn typed_values_go_out_and_come_in() {
 /// Records longer than what the file takes or gives at once: each write and each read is partial.
 #[test]
 fn records_longer_than_the_pipe() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     // A pipe takes 64 KiB.
     const SIZE: usize = 150_000;
     struct Pattern(u8);
@@ -177,7 +177,7 @@ fn records_longer_than_the_pipe() {
 
 #[test]
 fn bytes_that_come_one_by_one() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = std::io::pipe().unwrap();
         let (sender, lines) = luna::channel::<Frame<8>>();
@@ -215,7 +215,7 @@ fn bytes_that_come_one_by_one() {
 
 #[test]
 fn chunks_are_all_the_bytes() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let text: Vec<u8> = (0..100_000_u32)
         .map(|n| (n.wrapping_mul(n) % 251) as u8)
         .collect();
@@ -239,7 +239,7 @@ fn chunks_are_all_the_bytes() {
 
 #[test]
 fn packets_stay_apart() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     type Got = Result<Frame<4>, luna::external::BadRecord>;
     let (near, far) = UnixDatagram::pair().unwrap();
     for packet in [&b"a"[..], b"bcde", b"too long", b"f"] {
@@ -264,7 +264,7 @@ fn packets_stay_apart() {
 /// A device is read and written at once, by two links with clones of the file.
 #[test]
 fn both_directions_of_one_socket() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (near, mut far) = UnixStream::pair().unwrap();
     let echo = std::thread::spawn(move || {
         let mut byte = [0];
@@ -299,7 +299,7 @@ fn both_directions_of_one_socket() {
 /// The channel of a link is one as any: a guard among others, at both of its ends.
 #[test]
 fn external_channels_are_guards() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (reading, writing) = std::io::pipe().unwrap();
     let (source, outgoing) = luna::channel::<[u8; 1]>();
     let (incoming, drain) = luna::channel::<[u8; 1]>();

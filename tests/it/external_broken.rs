@@ -4,7 +4,7 @@
 
 use crate::common;
 use crate::external::run_beside_thread;
-use common::{PLACEMENTS, Random, with_files};
+use common::{PLACEMENTS, Random, with_ends};
 use luna::Error;
 use luna::external::{BadRecord, Fault, Frame, Framing, FromBytes, LinkError, Malformed, Prefix};
 use std::io::Write;
@@ -71,7 +71,7 @@ fn assert_bad(outcome: luna::Result<()>, number: u64, fault: Fault) {
 
 #[test]
 fn a_plain_channel_ends_at_the_first_broken_record() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let malformed = Fault::Malformed(Malformed("it is no digit"));
     for place in PLACEMENTS {
         for (bytes, framing, good, number, fault) in [
@@ -112,7 +112,7 @@ fn a_plain_channel_ends_at_the_first_broken_record() {
 
 #[test]
 fn a_channel_of_results_goes_on() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         let (got, outcome) = read::<Result<Digit, BadRecord>>(
             place,
@@ -148,7 +148,7 @@ fn a_channel_of_results_goes_on() {
 
 #[test]
 fn a_record_that_no_frame_holds() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (got, outcome) = read::<Frame<2>>(PLACEMENTS[0], b"ab\nabc\n", Framing::lines(3));
     assert_eq!(got, [Frame::new(b"ab").unwrap()]);
     let fault = Fault::Malformed(Malformed("it does not fit in its `Frame`"));
@@ -159,7 +159,7 @@ fn a_record_that_no_frame_holds() {
 /// reported as broken.
 #[test]
 fn no_byte_is_lost_in_silence() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let mut random = Random::seeded();
     for _ in 0..20 {
         let length = random.below(20_000) as usize;
@@ -187,7 +187,7 @@ fn no_byte_is_lost_in_silence() {
 
 #[test]
 fn a_value_that_no_reader_would_understand() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (source, outgoing) = luna::channel::<Frame<8>>();

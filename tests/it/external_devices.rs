@@ -4,7 +4,7 @@
 
 use crate::common;
 use crate::external::{run_beside_thread, run_on_one};
-use common::{PLACEMENTS, SpawnOk, TempFile, watchdog, with_files};
+use common::{PLACEMENTS, SpawnOk, TempFile, watchdog, with_ends};
 use futures_lite::future;
 use luna::Buffer;
 use luna::external::{BadRecord, Frame, Framing};
@@ -26,7 +26,7 @@ fn terminal() -> (File, File) {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_terminal_in_both_directions_until_it_hangs_up() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = terminal();
         let (sender, commands) = luna::channel::<Frame<16>>();

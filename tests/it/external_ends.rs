@@ -4,7 +4,7 @@
 
 use crate::common;
 use crate::external::{run_beside_thread, run_on_one};
-use common::{PLACEMENTS, Placement, SpawnOk, watchdog, with_files};
+use common::{PLACEMENTS, Placement, SpawnOk, watchdog, with_ends};
 use luna::external::{Frame, Framing, LinkError, Prefix, ToBytes};
 use luna::prelude::*;
 use luna::{Buffer, Error};
@@ -14,7 +14,7 @@ use std::os::unix::net::UnixStream;
 /// What the buffer holds is received before the end shows.
 #[test]
 fn the_end_comes_after_what_is_buffered() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (near, mut far) = std::io::pipe().unwrap();
     far.write_all(b"1\n2\n3\n").unwrap();
     drop(far);
@@ -44,7 +44,7 @@ fn the_end_comes_after_what_is_buffered() {
 /// While the system goes on: the far side, which is a process of it, sees the file close.
 #[test]
 fn a_link_that_has_ended_closes_its_file() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         let (near, mut far) = UnixStream::pair().unwrap();
         let (source, outgoing) = luna::channel::<[u8; 1]>();
@@ -64,7 +64,7 @@ fn a_link_that_has_ended_closes_its_file() {
 /// No process wants the device's data any more: no error.
 #[test]
 fn an_input_without_receivers_ends() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (near, mut far) = std::io::pipe().unwrap();
     let (sender, lines) = luna::channel::<Frame<8>>();
     far.write_all(b"1\n2\n").unwrap();
@@ -83,7 +83,7 @@ fn an_input_without_receivers_ends() {
 /// The far side of an output closes: the link fails, and each sender gets its value back.
 #[test]
 fn an_output_whose_far_side_has_gone() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         let (far, near) = std::io::pipe().unwrap();
         drop(far);
@@ -107,7 +107,7 @@ fn an_output_whose_far_side_has_gone() {
 /// A waiting write sees it as well.
 #[test]
 fn a_far_side_that_goes_while_an_output_waits_for_room() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (far, near) = UnixStream::pair().unwrap();
     let (source, outgoing) = luna::channel::<Frame<4096>>();
     let mut system = System::new("gone");
@@ -147,7 +147,7 @@ fn link_error<T: std::fmt::Debug>(outcome: luna::Result<T>) -> (String, LinkErro
 /// By hand, without a system, in a parallel construct.
 #[test]
 fn links_run_by_hand() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (reading, writing) = std::io::pipe().unwrap();
     let (source, outgoing) = luna::channel::<[u8; 1]>();
     let (incoming, drain) = luna::channel::<[u8; 1]>();
@@ -213,7 +213,7 @@ fn what_cannot_be_set_up() {
 /// far side sees.
 #[test]
 fn poison_ends_a_link_that_waits_for_its_file() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         for from_far_end in [false, true] {
             let (near, mut far) = UnixStream::pair().unwrap();
@@ -253,7 +253,7 @@ impl ToBytes for Full {
 
 #[test]
 fn poison_ends_a_link_that_waits_for_room() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     for place in PLACEMENTS {
         let (mut far, near) = std::io::pipe().unwrap();
         let (sender, receiver) = luna::channel::<Full>();
@@ -287,7 +287,7 @@ fn assert_poisoned<T: std::fmt::Debug>(outcome: luna::Result<T>, of: &str) {
 /// A sibling that fails ends a link in a parallel construct, also one that waits for its file.
 #[test]
 fn a_failed_sibling_ends_a_link() {
-    let Some(_watch) = with_files() else { return };
+    let Some(_watch) = with_ends() else { return };
     let (near, _far) = UnixStream::pair().unwrap();
     let (sender, _receiver) = luna::channel::<[u8; 1]>();
     let mut link = luna::external::input(near, sender, Framing::fixed(1));

@@ -306,11 +306,9 @@ fn the_examples_signal_is_in_its_recording() {
     }
     let name = format!("luna-process-phases-{}.luna", std::process::id());
     let file = std::env::temp_dir().join(name);
-    let mut child = Command::new(example)
-        .env("LUNA_LOG", &file)
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut program = Command::new(example);
+    program.env("LUNA_LOG", &file).stdout(Stdio::piped());
+    let mut child = common::spawn(&mut program);
     // Until a good part of it is there; the file is read while it is written.
     loop {
         let bytes = std::fs::read(&file).unwrap_or_default();

@@ -190,7 +190,7 @@ fn network(world: &World) -> luna::Result<System> {
 
 fn recorded(world: &World, file: &TempFile) -> (Outputs, u64) {
     let mut system = network(world).unwrap();
-    system.record(&file.0);
+    system.record(&file.0).replace_recordings();
     let report = system.run().unwrap();
     let recorded = report.record.unwrap();
     assert_eq!(recorded.lost, 0);

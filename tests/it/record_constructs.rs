@@ -56,7 +56,11 @@ fn check(name: &str, network: impl Fn(&mut System, &Outputs) -> luna::Result<()>
     };
     for _ in 0..8 {
         let outputs = Outputs::default();
-        let report = made(&outputs).record(&file.0).run().unwrap();
+        let report = made(&outputs)
+            .record(&file.0)
+            .replace_recordings()
+            .run()
+            .unwrap();
         let recorded = report.record.unwrap();
         assert_eq!((recorded.lost, recorded.outside), (0, 0));
         let first = by_process(&outputs);

@@ -130,7 +130,7 @@ fn network(outputs: &Outputs, change: Change) -> luna::Result<System> {
 fn recorded(file: &TempFile) -> Vec<(&'static str, u64)> {
     let outputs = Outputs::default();
     network(&outputs, Change::Nothing)
-        .and_then(|mut system| system.record(&file.0).run())
+        .and_then(|mut system| system.record(&file.0).replace_recordings().run())
         .unwrap();
     Arc::try_unwrap(outputs).unwrap().into_inner().unwrap()
 }

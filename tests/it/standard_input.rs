@@ -74,7 +74,9 @@ fn part() {
 
 /// What the operator says of this input.
 fn said(input: impl Into<Stdio>) -> Vec<String> {
-    let output = own_program("reads thread").stdin(input).output().unwrap();
+    let mut program = own_program("reads thread");
+    program.stdin(input);
+    let output = common::output(&mut program);
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8(output.stdout).unwrap();
     text.lines().filter_map(reported).collect()
@@ -139,11 +141,10 @@ fn pipes_files_and_what_is_empty_are_read_to_their_end() {
     shell
         .args(["-c", "exec \"$0\" \"$@\" <&-"])
         .arg(program.get_program());
-    let output = shell
+    shell
         .args(program.get_args())
-        .env(common::PART, "reads thread")
-        .output()
-        .unwrap();
+        .env(common::PART, "reads thread");
+    let output = common::output(&mut shell);
     assert!(output.status.success(), "{output:?}");
     assert!(
         String::from_utf8_lossy(&output.stdout).contains("over"),
@@ -166,11 +167,10 @@ fn a_terminal_is_read_line_by_line_and_its_mode_stays_as_it_is() {
     let Some(_watch) = with_files() else { return };
     let terminal = nix::pty::openpty(None, None).unwrap();
     let (mut keyboard, screen) = (File::from(terminal.master), terminal.slave);
-    let mut child = own_program("reads thread")
-        .stdin(screen.try_clone().unwrap())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut program = own_program("reads thread");
+    program.stdin(screen.try_clone().unwrap());
+    program.stdout(Stdio::piped());
+    let mut child = common::spawn(&mut program);
     keyboard.write_all(b"first\n").unwrap();
     let mut output = child.stdout.take().unwrap();
     let mut text = Vec::new();

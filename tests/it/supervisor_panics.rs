@@ -246,7 +246,8 @@ fn standard_error_without_a_reader_is_no_reason_to_end() {
     let _watch = watchdog();
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    let ended = Command::new(std::env::current_exe().unwrap())
+    let mut program = Command::new(std::env::current_exe().unwrap());
+    program
         .args([
             &*common::part_of_caller(),
             "--exact",
@@ -255,9 +256,8 @@ fn standard_error_without_a_reader_is_no_reason_to_end() {
         ])
         .env("LUNA_TEST_PART", "unheard")
         .stdin(Stdio::null())
-        .stderr(writer)
-        .output()
-        .unwrap();
+        .stderr(writer);
+    let ended = common::output(&mut program);
     let output = String::from_utf8(ended.stdout).unwrap();
     assert!(ended.status.success(), "{output}");
     assert!(

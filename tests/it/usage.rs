@@ -3,7 +3,7 @@
 use crate::common;
 use common::{SpawnOk, skip, watchdog};
 use luna::prelude::*;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 /// The output of an example, if it has been built beside the tests. `cargo test` builds it, other
@@ -21,7 +21,11 @@ fn run_example(name: &str) -> Option<String> {
         skip(&format!("example `{name}` has not been built"));
         return None;
     }
-    let output = Command::new(example).output().unwrap();
+    let output = common::output(
+        Command::new(example)
+            .stdin(Stdio::null())
+            .stderr(Stdio::piped()),
+    );
     assert!(output.status.success(), "{output:?}");
     Some(String::from_utf8(output.stdout).unwrap())
 }

@@ -126,6 +126,103 @@ fn all_but_one_thread_may_hang() {
     }
 }
 
+/// The last thread watches and runs nothing: the run returns, and names what did not run.
+#[test]
+fn with_more_that_hang_the_rest_is_given_up_and_the_run_returns() {
+    own_process!();
+    for (core, hanging) in places().into_iter().zip([9, 12]) {
+        let log = Log::default();
+        let mut system = System::new("all hang");
+        let mut kept = Vec::new();
+        for number in 0..hanging {
+            let (hangs, let_go) = hang();
+            kept.push(let_go);
+            system.on_emergency_within(&format!("hangs {number}"), SHORT, hangs);
+        }
+        system.on_emergency_within("last", LONG, log.noter("last"));
+        let safety = raise_on(core, &mut system);
+        assert_eq!(log.all(), [""; 0], "{core:?}");
+        let (hung, rest) = safety.functions.split_at(8);
+        for one in hung {
+            assert_eq!(one.outcome, FunctionOutcome::LeftBehind, "{one}");
+        }
+        for one in rest {
+            assert_eq!(one.outcome, FunctionOutcome::NotRun, "{one}");
+            assert!(one.no_thread_left, "{one}");
+            assert!(safety.to_string().contains(&one.to_string()), "{safety}");
+        }
+        assert_eq!(safety.failed().count(), hanging + 1);
+    }
+}
+
+/// As many of the safe state hang as threads are there for them: an emergency that comes then finds
+/// one that runs its functions and one that watches.
+#[test]
+fn the_safe_state_leaves_two_threads_to_an_emergency() {
+    own_process!();
+    let log = Log::default();
+    let mut system = System::new("both hang");
+    let mut kept = Vec::new();
+    for number in 0..12 {
+        let (hangs, let_go) = hang();
+        kept.push(let_go);
+        system.on_safe_state(&format!("hangs {number}"), hangs);
+    }
+    let (hangs, let_go) = hang();
+    system.on_emergency_within("first", LONG, log.noter("first"));
+    system.on_emergency_within("hangs", SHORT, hangs);
+    system.on_emergency_within("last", LONG, log.noter("last"));
+    let safety = system.safety();
+    system.thread("own").process("raiser").spawn_ok(async move {
+        safety.enter_safe_state(Error::other("before"));
+        // No event tells it; the functions of the safe state are over when they can be reset.
+        while safety.reset(Error::other("again")).is_err() {
+            std::thread::yield_now();
+        }
+        Err(luna::emergency(Error::other("now")))
+    });
+    system.run().unwrap_err();
+    let safety = system.report().unwrap().safety;
+    assert_eq!(log.all(), ["first"]);
+    use FunctionOutcome::{LeftBehind, NotRun, Ran};
+    assert_eq!(outcomes(&safety), [Ran, LeftBehind, NotRun]);
+    assert!(safety.functions[2].no_thread_left);
+    let hung = safety.safe_state_functions.iter();
+    assert_eq!(hung.filter(|one| one.outcome == LeftBehind).count(), 7);
+    drop((kept, let_go));
+}
+
+/// Of either kind, at the same time: the run returns whatever they do.
+#[test]
+fn all_of_both_kinds_may_hang() {
+    own_process!();
+    let mut system = System::new("both hang");
+    let mut kept = Vec::new();
+    for number in 0..12 {
+        let name = format!("hangs {number}");
+        let (hangs, let_go) = hang();
+        kept.push(let_go);
+        if number % 2 == 0 {
+            system.on_safe_state(&name, hangs);
+        } else {
+            system.on_emergency_within(&name, SHORT, hangs);
+        }
+    }
+    let main = system.executor("main").build().unwrap();
+    main.process("raiser").spawn_ok(async {
+        luna::safety::current()
+            .unwrap()
+            .enter_safe_state(Error::other("before"));
+        Err(luna::emergency(Error::other("now")))
+    });
+    system.run().unwrap_err();
+    let safety = system.report().unwrap().safety;
+    let all = || safety.functions.iter().chain(&safety.safe_state_functions);
+    let hung = all().filter(|one| one.outcome == FunctionOutcome::LeftBehind);
+    let rest = all().filter(|one| one.no_thread_left);
+    assert_eq!((hung.count(), rest.count()), (8, 4));
+}
+
 /// A thread that may hang must not be interrupted, and must not be the one that receives the next
 /// signal.
 #[test]

@@ -75,6 +75,9 @@ pub(crate) struct Demo {
     /// Write a replay log (.replay): what was not determined in the run, for --replay
     #[arg(long, value_name = "FILE")]
     pub(crate) record: Option<PathBuf>,
+    /// Replace the files of --log and --record if they are there: what is in them is lost
+    #[arg(long)]
+    pub(crate) replace: bool,
     /// Do the run of a replay log again, on a virtual clock, and say whether its outputs are the
     /// same, or at which event they differ
     #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "seconds", "rate", "joystick", "calibrated", "core", "policy", "parameters", "set"])]
@@ -154,6 +157,9 @@ pub(crate) struct Jitter {
     /// Where to write the histogram, as CSV: latency_ns,count
     #[arg(long, value_name = "FILE")]
     pub(crate) histogram: Option<PathBuf>,
+    /// Replace the histogram's file if it is there: what is in it is lost
+    #[arg(long, requires = "histogram")]
+    pub(crate) replace: bool,
 }
 
 /// Where the measured processes run, and how they are reported.

@@ -35,6 +35,9 @@ pub(crate) struct Convert {
     /// Where to write [default: beside the first recording]
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
+    /// Replace files of the output's name: what is in them is lost
+    #[arg(long)]
+    pub(crate) replace: bool,
     /// CSV: a signal that was not sampled at a row's time holds its last value, instead of an empty
     /// cell
     #[arg(long)]
@@ -114,6 +117,9 @@ pub(crate) struct Record {
     /// [default: this folder]
     #[arg(long, short, value_name = "PATH")]
     pub(crate) output: Option<PathBuf>,
+    /// With --once: replace the file if it is there: what is in it is lost
+    #[arg(long, requires = "once")]
+    pub(crate) replace: bool,
     /// Show messages of LEVEL and what matters more: error, warn, info, debug, trace, or none
     #[arg(long, value_name = "LEVEL", default_value = "info", value_parser = level)]
     pub(crate) messages: Messages,

@@ -6,15 +6,15 @@
 //! the last value of each signal. A signal that was not sampled leaves its column empty, or holds
 //! its last value, if that is asked for. Messages and events go to files beside it.
 
+use super::Converted;
 use super::recording::each;
 use super::selection::Filter;
-use super::{Converted, create};
 use crate::failure::{self, Failure};
+use crate::result_file::ResultFile;
 use luna_logger::format::{Names, Record, Value, Words};
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// How many samples are held back to put them in order: a recording is in order but for what a
@@ -34,6 +34,7 @@ pub(super) fn write(
     output: &Path,
     filter: &Filter,
     hold: bool,
+    replaces: bool,
 ) -> Result<Converted, Failure> {
     let mut signals: BTreeMap<u32, Columns> = BTreeMap::new();
     let start = filter.start;
@@ -55,7 +56,7 @@ pub(super) fn write(
         width += usize::from(columns.elements);
     }
     let mut table = Table {
-        output: create(output)?,
+        output: ResultFile::create(output, replaces)?,
         row: vec![None; width],
         at: None,
         start,
@@ -66,9 +67,9 @@ pub(super) fn write(
     table.head(&signals).map_err(&failed)?;
 
     let heading = "time,level,thread,process,target,text";
-    let mut messages = Beside::new(output.with_extension("messages.csv"), heading);
+    let mut messages = Beside::new(output.with_extension("messages.csv"), heading, replaces);
     let heading = "time,event,thread,subject,first,second";
-    let mut events = Beside::new(output.with_extension("events.csv"), heading);
+    let mut events = Beside::new(output.with_extension("events.csv"), heading, replaces);
     let mut names = Names::default();
     // By time, begins of cycles before samples, and place in the recording: on a virtual clock all
     // of a cycle has one time.
@@ -138,9 +139,11 @@ pub(super) fn write(
     for ((time, ..), entry) in waiting {
         table.take(&signals, time, entry).map_err(&failed)?;
     }
-    table.end().map_err(&failed)?;
+    let table = table.end().map_err(&failed)?;
     messages.end()?;
     events.end()?;
+    // Last: where the table is, what belongs to it is too.
+    table.finish()?;
     Ok(converted)
 }
 
@@ -148,14 +151,16 @@ pub(super) fn write(
 struct Beside {
     path: PathBuf,
     heading: &'static str,
-    file: Option<BufWriter<File>>,
+    replaces: bool,
+    file: Option<ResultFile>,
 }
 
 impl Beside {
-    fn new(path: PathBuf, heading: &'static str) -> Self {
+    fn new(path: PathBuf, heading: &'static str, replaces: bool) -> Self {
         Self {
             path,
             heading,
+            replaces,
             file: None,
         }
     }
@@ -165,7 +170,7 @@ impl Beside {
         let file = match &mut self.file {
             Some(file) => file,
             none => {
-                let mut file = create(&self.path)?;
+                let mut file = ResultFile::create(&self.path, self.replaces)?;
                 writeln!(file, "{}", self.heading).map_err(&failed)?;
                 none.insert(file)
             }
@@ -174,8 +179,7 @@ impl Beside {
     }
 
     fn end(self) -> Result<(), Failure> {
-        let flushed = self.file.map_or(Ok(()), |mut file| file.flush());
-        flushed.map_err(failure::failed(&self.path))
+        self.file.map_or(Ok(()), ResultFile::finish)
     }
 }
 
@@ -262,9 +266,9 @@ impl<W: Write> Table<W> {
         writeln!(self.output)
     }
 
-    fn end(mut self) -> io::Result<()> {
+    fn end(mut self) -> io::Result<W> {
         self.end_row()?;
-        self.output.flush()
+        Ok(self.output)
     }
 }
 

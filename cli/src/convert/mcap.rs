@@ -4,18 +4,17 @@
 //! Samples are Protocol Buffers, all else is JSON, each with its schema, which all of them read. Times are those of the day where the
 //! recording has them, else those of its clock. The file is compressed by lz4.
 
+use super::Converted;
 use super::recording::each;
 use super::selection::Filter;
-use super::{Converted, create};
 use crate::failure::{self, Failure};
+use crate::result_file::ResultFile;
 use luna_logger::format::json::{self, Topic};
 use luna_logger::format::{Level, Losing, Names, Record, protobuf};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
 use serde_json::json;
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::Path;
 
 /// Foxglove's level of a message: debug, info, warning, error are 1 to 4.
@@ -28,16 +27,22 @@ fn level_number(level: Level) -> u8 {
     }
 }
 
-pub(super) fn write(input: &Path, output: &Path, filter: &Filter) -> Result<Converted, Failure> {
+pub(super) fn write(
+    input: &Path,
+    output: &Path,
+    filter: &Filter,
+    replaces: bool,
+) -> Result<Converted, Failure> {
     let failed = failure::failed::<mcap::McapError>(output);
-    let mut file = Mcap::new(create(output)?).map_err(&failed)?;
+    let mut file = Mcap::new(ResultFile::create(output, replaces)?).map_err(&failed)?;
     let converted = each(input, filter, |record| file.take(record).map_err(&failed))?;
     file.writer.finish().map_err(&failed)?;
+    file.writer.into_inner().finish()?;
     Ok(converted)
 }
 
 struct Mcap {
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<ResultFile>,
     signals: HashMap<u32, Channel>,
     /// Of messages, losses and events, by private names.
     others: HashMap<&'static str, Channel>,
@@ -55,7 +60,7 @@ struct Channel {
 }
 
 impl Mcap {
-    fn new(output: BufWriter<File>) -> mcap::McapResult<Self> {
+    fn new(output: ResultFile) -> mcap::McapResult<Self> {
         let options = WriteOptions::new()
             .library(concat!("luna ", env!("CARGO_PKG_VERSION")))
             .compression(Some(Compression::Lz4));
@@ -206,7 +211,7 @@ fn of_messages() -> Topic {
 }
 
 fn put(
-    writer: &mut Writer<BufWriter<File>>,
+    writer: &mut Writer<ResultFile>,
     channel: &mut Channel,
     time: u64,
     content: &[u8],

@@ -20,8 +20,6 @@ use crate::failure::{Failure, failed};
 use crate::print::say;
 use crate::text::Count;
 use std::fmt;
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -52,6 +50,7 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
             &output,
             &filters[0],
             arguments.hold,
+            arguments.replace,
         )?],
         Format::Perfetto => {
             let shifts = clocks::shifts(arguments, &filters)?;
@@ -64,10 +63,16 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
             perfetto::write(
                 sources.map(|((path, filter), shift)| (&**path, filter, shift)),
                 &output,
+                arguments.replace,
             )?
         }
         #[cfg(feature = "mcap")]
-        Format::Mcap => vec![mcap::write(&inputs[0], &output, &filters[0])?],
+        Format::Mcap => vec![mcap::write(
+            &inputs[0],
+            &output,
+            &filters[0],
+            arguments.replace,
+        )?],
     };
     let mut said = format!("{}: ", output.display());
     if let [converted] = &*converted {
@@ -196,11 +201,6 @@ struct Damage {
     skipped: u64,
     /// Blocks, by their numbers.
     missing: u64,
-}
-
-/// A new file to write.
-fn create(path: &Path) -> Result<BufWriter<File>, Failure> {
-    File::create(path).map(BufWriter::new).map_err(failed(path))
 }
 
 #[cfg(test)]

@@ -5,12 +5,13 @@
 //! The file is compressed by gzip, as Perfetto reads it. Field numbers are those of
 //! `perfetto_trace.proto`; they never change.
 
+use super::Converted;
 use super::activity::Activity;
 use super::clocks::shifted;
 use super::recording::each;
 use super::selection::Filter;
-use super::{Converted, create};
 use crate::failure::{self, Failure};
+use crate::result_file::ResultFile;
 use flate2::{Compression, write::GzEncoder};
 use luna_logger::format::protobuf::Message;
 use luna_logger::format::{Event, Names, Record, SignalInfo, Value};
@@ -44,8 +45,10 @@ const COUNTER: u64 = 4;
 pub(super) fn write<'a>(
     sources: impl Iterator<Item = (&'a Path, &'a Filter, i64)>,
     output: &Path,
+    replaces: bool,
 ) -> Result<Vec<Converted>, Failure> {
-    let mut file = GzEncoder::new(create(output)?, Compression::fast());
+    let result = ResultFile::create(output, replaces)?;
+    let mut file = GzEncoder::new(result, Compression::fast());
     let failed = failure::failed(output);
     let mut is_first = true;
     let mut all = Vec::new();
@@ -70,9 +73,7 @@ pub(super) fn write<'a>(
         };
         all.push(each(input, filter, |record| one.put(record, &mut put))?);
     }
-    file.finish()
-        .and_then(|mut file| file.flush())
-        .map_err(&failed)?;
+    file.finish().map_err(&failed)?.finish()?;
     Ok(all)
 }
 

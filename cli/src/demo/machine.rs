@@ -22,6 +22,9 @@ pub(crate) struct Options {
     /// Record signals, messages and events (.luna), of this program
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
+    /// Replace files that are there: what is in them is lost
+    #[arg(long)]
+    pub(crate) replace: bool,
     /// Serve the live scope while it runs, of this program; ADDR is host:port
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = args::SCOPE)]
     pub(crate) scope: Option<SocketAddr>,
@@ -45,6 +48,7 @@ impl Options {
         }
         let show = Show {
             log: self.log.as_deref(),
+            replaces: self.replace,
             scope: self.scope,
             picture: Some(picture),
             ..Show::default()
@@ -72,11 +76,13 @@ impl Options {
     pub(crate) fn print(
         &self,
         run: &impl Serialize,
+        report: &Report,
         text: impl FnOnce() -> [String; 3],
         is_good: bool,
     ) -> Result<ExitCode, Failure> {
         print(self.json, run, text)?;
-        Ok(exit::of_a_run(is_good))
+        let is_recorded = exit::is_recorded(report);
+        Ok(exit::of_a_run(is_good && is_recorded))
     }
 }
 

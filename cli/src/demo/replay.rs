@@ -64,6 +64,9 @@ pub(super) fn record(system: &mut System, arguments: &args::Demo) {
     // Numbers and a `bool` have a text.
     let note = serde_json::to_string(&kept).unwrap_or_default();
     system.record(path).record_note(note);
+    if arguments.replace {
+        system.replace_recordings();
+    }
 }
 
 /// What was recorded.

@@ -12,6 +12,7 @@ mod schedule;
 mod trace;
 
 use crate::failure::{Failure, failed};
+use crate::result_file;
 use clap::Subcommand;
 use luna_model::Model;
 use std::fs;
@@ -67,8 +68,9 @@ fn read(path: &Path) -> Result<Model, Failure> {
     Ok(Model::parse(&path.display().to_string(), &text)?)
 }
 
+/// Writes what is made of a model anew each time, and replaces the last one.
 fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    fs::write(path, text).map_err(failed(path))
+    result_file::write(path, text, true)
 }
 
 /// Writes a file that is not there yet.

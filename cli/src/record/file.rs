@@ -5,6 +5,8 @@ use crate::args::Messages;
 use luna_logger::{FileSink, Peer, Sink};
 use luna_scope::ScopeSink;
 use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// The sink of a sender.
@@ -14,16 +16,25 @@ pub(super) struct File {
     scope: Option<ScopeSink>,
     /// How many bytes it may have still.
     left: u64,
+    /// Set when something could not be written.
+    has_failed: Arc<AtomicBool>,
 }
 
 impl File {
-    pub(super) fn new(file: FileSink, peer: &Peer, show: Messages, limit: u64) -> Self {
+    pub(super) fn new(
+        file: FileSink,
+        peer: &Peer,
+        show: Messages,
+        limit: u64,
+        has_failed: Arc<AtomicBool>,
+    ) -> Self {
         let Messages(show) = show;
         Self {
             file,
             shown: show.map(|most| Shown::new(peer, most)),
             scope: None,
             left: limit,
+            has_failed,
         }
     }
 
@@ -31,6 +42,11 @@ impl File {
     pub(super) fn and(mut self, scope: ScopeSink) -> Self {
         self.scope = Some(scope.patient());
         self
+    }
+
+    /// What the file gave: an error is noted.
+    fn noted<T>(&self, written: io::Result<T>) -> io::Result<T> {
+        written.inspect_err(|_| self.has_failed.store(true, Ordering::Relaxed))
     }
 
     fn take(&mut self, bytes: &[u8]) -> io::Result<()> {
@@ -44,7 +60,8 @@ impl File {
 impl Sink for File {
     fn begin(&mut self, head: &[u8]) -> io::Result<()> {
         self.take(head)?;
-        self.file.begin(head)?;
+        let begun = self.file.begin(head);
+        self.noted(begun)?;
         if let Some(scope) = &mut self.scope {
             // The scope has failed: the file is kept all the same.
             let _ = scope.begin(head);
@@ -54,7 +71,8 @@ impl Sink for File {
 
     fn block(&mut self, block: &[u8]) -> io::Result<()> {
         self.take(block)?;
-        self.file.block(block)?;
+        let written = self.file.block(block);
+        self.noted(written)?;
         if let Some(shown) = &mut self.shown {
             shown.block(block);
         }
@@ -65,6 +83,7 @@ impl Sink for File {
     }
 
     fn end(&mut self, limit: Duration) -> io::Result<()> {
-        self.file.end(limit)
+        let ended = self.file.end(limit);
+        self.noted(ended)
     }
 }

@@ -9,7 +9,9 @@ mod name;
 pub(crate) mod signals;
 
 use crate::args::{Messages, Record};
+use crate::exit;
 use crate::failure::{Failure, failed, unusable};
+use crate::result_file::is_there;
 use crate::scope::Shown;
 use crate::text::Count;
 use file::File;
@@ -21,6 +23,7 @@ use std::io::{self, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -30,6 +33,11 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         && let Some(path) = &arguments.output
     {
         FileSink::check_name(path).map_err(failed(path))?;
+        // Now, and not when a sender comes.
+        let has_content = |there: std::fs::Metadata| there.is_file() && there.len() > 0;
+        if !arguments.replace && path.metadata().is_ok_and(has_content) {
+            return Err(is_there(path));
+        }
     }
     let deaf = |error| unusable(format_args!("--listen {}", arguments.listen), error);
     let (end, ends) = channel();
@@ -46,9 +54,12 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         false => Receiver::tcp(&*arguments.listen),
     }
     .map_err(deaf)?;
+    let has_failed = Arc::<AtomicBool>::default();
     let desk = Desk {
+        has_failed: has_failed.clone(),
         output: arguments.output.clone().unwrap_or_default(),
         once: arguments.once,
+        replaces: arguments.replace,
         show: arguments.messages,
         limit: arguments.limit.map_or(u64::MAX, |mib| mib << 20),
         end,
@@ -64,7 +75,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
     // One end is always held by the thread that waits for signals.
     let _ = ends.recv();
     receiving.stop();
-    Ok(ExitCode::SUCCESS)
+    Ok(exit::of_a_run(!has_failed.load(Ordering::Relaxed)))
 }
 
 /// A line on standard output. Its reading end may be closed: the recording goes on.
@@ -75,8 +86,11 @@ fn say(line: impl Display) {
 struct Desk {
     output: PathBuf,
     once: bool,
+    replaces: bool,
     show: Messages,
     limit: u64,
+    /// A file could not be made, or not be written.
+    has_failed: Arc<AtomicBool>,
     end: Sender<()>,
     /// It shows all senders together.
     scope: Option<Scope>,
@@ -101,11 +115,16 @@ impl Desk {
         if self.once && !files.is_empty() {
             return Err(io::Error::other("--once: another recording was taken"));
         }
+        let failed = |_: &io::Error| self.has_failed.store(true, Ordering::Relaxed);
         let path = match self.once && !self.output.as_os_str().is_empty() {
             true => self.output.clone(),
-            false => name::new_file(&self.output, peer)?,
+            false => name::new_file(&self.output, peer).inspect_err(failed)?,
         };
-        let sink = FileSink::create(&path)?;
+        let sink = match self.replaces {
+            true => FileSink::replace(&path),
+            false => FileSink::create(&path),
+        }
+        .inspect_err(failed)?;
         if files.len() >= MAX_FILES {
             files.clear();
         }
@@ -119,7 +138,8 @@ impl Handler for Desk {
         match self.create(peer) {
             Ok((path, sink)) => {
                 say(format_args!("{} has come: {}", who(peer), path.display()));
-                let file = File::new(sink, peer, self.show, self.limit);
+                let has_failed = self.has_failed.clone();
+                let file = File::new(sink, peer, self.show, self.limit, has_failed);
                 Ok(match &self.scope {
                     Some(scope) => Box::new(file.and(scope.sink()?)),
                     None => Box::new(file),

@@ -7,6 +7,7 @@ mod convert;
 #[cfg(target_os = "linux")]
 mod corner_applications;
 mod doctor;
+mod evidence;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 #[cfg(target_os = "linux")]

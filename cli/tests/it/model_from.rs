@@ -11,7 +11,7 @@ use std::path::Path;
 /// branch that sends to another one of its process.
 fn workshop(file: &Path, on_threads: bool) -> luna::Result<()> {
     let mut system = System::new("workshop");
-    system.log(Logging::to_file(file).room_for_events(1 << 18));
+    system.log(Logging::to_file(file).replacing().room_for_events(1 << 18));
     let first = system.executor("first").build()?;
     let second = match on_threads {
         true => system.executor("second").build()?,

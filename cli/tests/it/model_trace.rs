@@ -33,7 +33,7 @@ pub(crate) fn commstime(file: &Path, rounds: u64, run: Run) -> luna::Result<()> 
     if run.is_virtual {
         system.virtual_clock();
     }
-    system.log(Logging::to_file(file).room_for_events(1 << 18));
+    system.log(Logging::to_file(file).replacing().room_for_events(1 << 18));
     let executors = match run.on_threads {
         true => ["one", "two", "three", "four"],
         false => ["main"; 4],

@@ -94,7 +94,15 @@ fn record_and_end_within(end: Duration, address: &str, system: &str, samples: u3
 fn once_takes_one_recording_into_a_file() {
     let folder = folder("once");
     for way in [&[][..], &["--udp"]] {
-        let arguments = [&["--once", "--messages", "warn", "-o", "run.luna"], way].concat();
+        let once = [
+            "--once",
+            "--replace",
+            "--messages",
+            "warn",
+            "-o",
+            "run.luna",
+        ];
+        let arguments = [&once[..], way].concat();
         let listening = Listening::start(&folder, &arguments);
         let report = record(&listening.address, "arm", 100).finish();
         assert_eq!((report.signals[0].recorded, report.error), (100, None));

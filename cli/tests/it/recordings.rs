@@ -61,7 +61,7 @@ fn the_demo_names_the_file_that_it_records_to() {
     let demo = ["demo", "--seconds", "0.01", "--calibrated", "--virtual"];
     let scope = ["--scope", "127.0.0.1:0"];
     for more in [&[][..], &scope] {
-        let made = luna(&[&demo[..], &["--log", log], more].concat());
+        let made = luna(&[&demo[..], &["--replace", "--log", log], more].concat());
         let said = text(&made.stdout);
         assert!(said.contains(&format!(" to {log} (")), "{said}");
     }

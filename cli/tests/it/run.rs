@@ -11,8 +11,13 @@ pub(crate) fn command(arguments: &[&str]) -> Command {
     command
 }
 
+/// A conversion may replace what an earlier run of the tests has left.
 pub(crate) fn luna(arguments: &[&str]) -> Output {
-    command(arguments).output().expect("the program starts")
+    let mut command = command(arguments);
+    if arguments.first() == Some(&"convert") {
+        command.arg("--replace");
+    }
+    command.output().expect("the program starts")
 }
 
 /// `luna model`.

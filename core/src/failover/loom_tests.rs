@@ -128,3 +128,25 @@ fn one_that_is_retired_as_it_is_reset() {
         assert!(!scene.failover.begin() && !scene.failover.is_done());
     });
 }
+
+/// The jobs are given up as one is added, and as another member takes one: each is run, given up or
+/// refused.
+#[test]
+fn jobs_that_are_given_up_as_others_come() {
+    loom::model(|| {
+        let scene = Scene::new(1);
+        scene.failover.begin();
+        let other = scene.clone();
+        let adds = loom::thread::spawn(move || {
+            let added = other.failover.add();
+            other.serve(1);
+            added
+        });
+        let given_up = scene.failover.give_up();
+        let added = adds.join().unwrap();
+        assert!(scene.failover.is_done());
+        let jobs = 1 + usize::from(added.is_some());
+        let first = given_up.unwrap_or(jobs);
+        assert_eq!(scene.runs().iter().sum::<usize>(), first);
+    });
+}

@@ -117,3 +117,22 @@ fn one_that_is_retired_does_not_begin_again() {
     assert!(!failover.again() && !failover.begin() && !failover.is_under_way());
     assert!(with_jobs(1).retire());
 }
+
+#[test]
+fn the_rest_is_given_up_while_none_runs() {
+    let failover = with_jobs(3);
+    assert_eq!((failover.give_up(), failover.look()), (None, Leg::Rest));
+    failover.begin();
+    let first = run(failover.take(0));
+    assert!(failover.is_running() && failover.look() == Leg::Watch(first));
+    assert_eq!(failover.give_up(), None, "one runs");
+    assert!(failover.leave_behind(first) && !failover.is_running());
+    assert_eq!(failover.look(), Leg::Rest, "a free job is no duty");
+    assert_eq!(failover.give_up(), Some(1));
+    assert!(failover.is_done() && failover.add().is_none());
+    assert!(
+        failover.again() && failover.begin(),
+        "a new round has all jobs"
+    );
+    assert_eq!(run(failover.take(1)).job(), 0);
+}

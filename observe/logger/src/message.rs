@@ -4,6 +4,7 @@ use crate::format::Level;
 use crate::hub::Hub;
 use crate::lane::{self, Head, MAX_WORDS};
 use luna_core::current;
+use luna_platform::signals;
 use std::fmt::{self, Write};
 use std::io::{self, Write as _};
 
@@ -49,11 +50,8 @@ pub(crate) fn write(level: Level, target: &str, fill: impl FnOnce(&mut Text) -> 
             let mut text = Text::new("");
             let _ = fill(&mut text);
             // Standard error may be closed.
-            let _ = writeln!(
-                io::stderr().lock(),
-                "{level:<5} {target}: {}",
-                text.as_str()
-            );
+            let line = format!("{level:<5} {target}: {}\n", text.as_str());
+            let _ = signals::without_write_signals(|| io::stderr().write_all(line.as_bytes()));
         }
         return;
     };

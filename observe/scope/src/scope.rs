@@ -207,7 +207,11 @@ impl Scope {
             .name("luna-scope".to_owned())
             .spawn({
                 let shared = shared.clone();
-                move || server::accept(&listener, &shared)
+                move || {
+                    // The threads of its viewers inherit that.
+                    luna_platform::signals::refuse_write_signals_here();
+                    server::accept(&listener, &shared);
+                }
             })?;
         Ok(Scope {
             shared,

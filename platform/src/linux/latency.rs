@@ -1,6 +1,7 @@
 //! The kernel keeps the wish as long as the file is open.
 
 use crate::shortfall::LatencyRefusal;
+use nix::libc;
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Write};
 
@@ -21,6 +22,9 @@ fn open(path: &str) -> Result<Held, LatencyRefusal> {
 }
 
 fn why(error: std::io::Error) -> LatencyRefusal {
+    if matches!(error.raw_os_error(), Some(libc::EMFILE | libc::ENFILE)) {
+        return LatencyRefusal::NoDescriptors;
+    }
     match error.kind() {
         ErrorKind::NotFound => LatencyRefusal::Missing,
         ErrorKind::PermissionDenied => LatencyRefusal::NotPermitted,

@@ -145,12 +145,8 @@ pub(crate) fn real_time_number(number: i32) -> Option<i32> {
 }
 
 /// These fail only for an unknown `how`.
-pub(crate) fn accept_here(takes_quit: bool) {
-    let mut accepted = requests();
-    if !takes_quit {
-        accepted.remove(sys::Signal::SIGQUIT);
-    }
-    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_UNBLOCK, Some(&accepted), None);
+pub(crate) fn accept_here() {
+    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_UNBLOCK, Some(&requests()), None);
 }
 
 pub(crate) fn hold_back() -> Mask {
@@ -164,11 +160,57 @@ pub(crate) fn set_mask(mask: &Mask) {
     let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_SETMASK, Some(mask), None);
 }
 
+/// What a write can raise on the thread that writes.
+fn write_signals() -> [sys::Signal; 3] {
+    [
+        sys::Signal::SIGXFSZ,
+        sys::Signal::SIGPIPE,
+        sys::Signal::SIGTTOU,
+    ]
+}
+
+/// Blocks them here; gives the former mask.
+pub(crate) fn refuse_write_signals() -> Mask {
+    let mut before = sys::SigSet::empty();
+    let refused = sys::SigSet::from_iter(write_signals());
+    let _ = sys::pthread_sigmask(
+        sys::SigmaskHow::SIG_BLOCK,
+        Some(&refused),
+        Some(&mut before),
+    );
+    before
+}
+
+/// Takes those that are pending for this thread and were not blocked `before`, and sets that mask
+/// again.
+pub(crate) fn forget_write_signals(before: &Mask) {
+    let mut raised = sys::SigSet::empty();
+    for signal in write_signals() {
+        if !before.contains(signal) {
+            raised.add(signal);
+        }
+    }
+    let at_once = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: the set and the time live during the call; no information is asked for. It takes a
+    // pending signal, or fails at once.
+    while unsafe { libc::sigtimedwait(raised.as_ref(), ptr::null_mut(), &raw const at_once) } > 0 {}
+    set_mask(before);
+}
+
 /// A number that no other living thread has, without a system call: where its `errno` is.
 pub(crate) fn current_thread() -> usize {
     // SAFETY: it has no precondition. The place is allocated with the thread, so a signal handler
     // may call this.
     unsafe { nix::libc::__errno_location() }.addr()
+}
+
+/// Whether the program handles it.
+pub(crate) fn has_handler(number: i32) -> bool {
+    action_of(number)
+        .is_some_and(|action| !matches!(action.sa_sigaction, libc::SIG_DFL | libc::SIG_IGN))
 }
 
 pub(crate) fn send_to_this_process(number: i32) {

@@ -16,6 +16,8 @@ use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
 use nix::unistd::{Pid, getpid, gettid};
 use std::ffi::CString;
 use std::fs;
+use std::os::unix::process::CommandExt;
+use std::process::Command;
 use std::sync::OnceLock;
 
 /// The calling thread, for calls that take a thread id.
@@ -237,7 +239,31 @@ fn why_no_core(core: usize) -> CoreRefusal {
     }
 }
 
-/// Lets this thread run on all cores of the process.
+/// See [`crate::thread::ordinary_child`].
+pub(crate) fn ordinary_child(command: &mut Command) {
+    // Found here: the child may only make system calls.
+    remember_process();
+    let ordinary = || {
+        unpin();
+        let ending = SigSet::from_iter([
+            Signal::SIGINT,
+            Signal::SIGTERM,
+            Signal::SIGHUP,
+            Signal::SIGQUIT,
+            Signal::SIGPIPE,
+            Signal::SIGXFSZ,
+            Signal::SIGTTOU,
+        ]);
+        pthread_sigmask(SigmaskHow::SIG_UNBLOCK, Some(&ending), None)?;
+        Ok(())
+    };
+    // SAFETY: the closure makes plain system calls on values of its own and on the initial mask,
+    // which is made by now: it neither allocates nor locks, as it must not between fork and exec.
+    unsafe { command.pre_exec(ordinary) };
+}
+
+/// Lets this thread run on all cores of the process. Async-signal-safe once the initial mask is
+/// [known](remember_process).
 pub fn unpin() {
     if sched_setaffinity(MYSELF, initial_mask()).is_err() {
         // The control group has other cores by now. All of them, then: the kernel keeps those that

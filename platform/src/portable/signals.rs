@@ -45,17 +45,25 @@ pub(crate) fn restore(before: Before) {
 /// Nothing is blocked.
 pub(crate) type Mask = ();
 
-pub(crate) fn accept_here(_takes_quit: bool) {}
+pub(crate) fn accept_here() {}
 
 pub(crate) fn hold_back() -> Mask {}
 
 pub(crate) fn find_requests() {}
+
+pub(crate) fn refuse_write_signals() -> Mask {}
+
+pub(crate) fn forget_write_signals(_before: &Mask) {}
 
 pub(crate) fn set_mask(_mask: &Mask) {}
 
 /// There are no handlers that would ask.
 pub(crate) fn current_thread() -> usize {
     0
+}
+
+pub(crate) fn has_handler(_number: i32) -> bool {
+    false
 }
 
 pub(crate) fn send_to_this_process(_number: i32) {}

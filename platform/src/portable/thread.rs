@@ -34,6 +34,9 @@ pub(crate) fn promote(_number: i32, _policy: Policy) {}
 /// Threads have no priorities here.
 pub(crate) fn demote(_number: i32) {}
 
+/// No thread is pinned, and no signal is blocked.
+pub(crate) fn ordinary_child(_command: &mut std::process::Command) {}
+
 /// Lets this thread run on all cores of the process.
 pub fn unpin() {}
 

@@ -220,6 +220,23 @@ pub fn current_number() -> ThreadNumber {
 /// ```
 pub use backend::unpin as unpin_current;
 
+/// Lets the program that `command` starts run on all cores of this process and take signals, whatever
+/// thread starts it. Without it a child has what its thread has: the core that it is pinned to, and
+/// the signals SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. Its policy is an ordinary one in any
+/// case. Does nothing where threads are not pinned. Not for the real-time path.
+///
+/// ```
+/// use luna_platform::thread::ordinary_child;
+/// use std::process::Command;
+///
+/// let mut command = Command::new("true");
+/// assert!(ordinary_child(&mut command).get_program() == "true");
+/// ```
+pub fn ordinary_child(command: &mut std::process::Command) -> &mut std::process::Command {
+    backend::ordinary_child(command);
+    command
+}
+
 /// Gives another thread a policy with a fixed priority, if the program is allowed to: for a thread
 /// that waits as an ordinary one until it is needed. One system call, async-signal-safe. Does
 /// nothing for other policies, where threads have no priorities, or to one that has ended.

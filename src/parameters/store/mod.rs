@@ -11,10 +11,11 @@ use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
 use super::watch::{self, Stamp};
+use crate::error::Result;
 use crate::file::of_environment;
 use crate::log::{Level, Log, message};
 use crate::parameters::handle::Info;
-use crate::system::Phase;
+use crate::system::{Opening, Phase};
 use luna_core::current;
 use luna_platform::clock::Clock;
 use luna_platform::lock::PiLock;
@@ -153,7 +154,8 @@ impl Store {
         log: &Log,
         clock: &Clock,
         recorded: Option<&[(String, String)]>,
-    ) -> Result<Vec<(String, String)>, SetError> {
+        opening: &Opening,
+    ) -> Result<Vec<(String, String)>> {
         let mut refused = Vec::new();
         let mut stamp = None;
         let wishes = match recorded {
@@ -167,10 +169,21 @@ impl Store {
             }
             None => {
                 let (file, given) = self.sources();
-                stamp = file.as_deref().and_then(watch::stamp);
-                let file = file.as_deref().map(sources::read).transpose()?;
+                let file = match file {
+                    Some(path) => {
+                        let what = format!("read the parameters `{}`", path.display());
+                        let read = opening.wait_for(what, move || {
+                            let stamp = watch::stamp(&path);
+                            sources::read(&path).map(|values| (stamp, values))
+                        });
+                        let values;
+                        (stamp, values) = read??;
+                        values
+                    }
+                    None => Vec::new(),
+                };
                 let environment = sources::values_of_environment()?;
-                merge([file.unwrap_or_default(), environment, given], &mut refused)
+                merge([file, environment, given], &mut refused)
             }
         };
         let kept = wishes
@@ -190,7 +203,7 @@ impl Store {
 
     /// All processes of the start are spawned: every value must belong to a declared parameter, and
     /// be one that it can have.
-    pub(crate) fn all_declared(&self) -> Result<(), SetError> {
+    pub(crate) fn all_declared(&self) -> std::result::Result<(), SetError> {
         let mut state = self.state();
         let mut refused = std::mem::take(&mut state.refused);
         let wishes = std::mem::take(&mut state.wishes);

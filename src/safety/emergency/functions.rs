@@ -37,13 +37,17 @@ pub struct FunctionReport {
     pub began_after: Option<Duration>,
     /// How long it took; of one that was left behind, until then.
     pub took: Option<Duration>,
+    /// It was to run and did not: so many functions hang that no thread was left to run it while
+    /// another one watches.
+    pub no_thread_left: bool,
 }
 
 /// The outcome of a function. A withdrawn function is not reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum FunctionOutcome {
-    /// There was no reason to run it, or there is none any more, since the state was reset.
+    /// There was no reason to run it, or there is none any more, since the state was reset; or
+    /// [no thread was left](FunctionReport::no_thread_left) for it.
     #[default]
     NotRun,
     /// It has run, to its end.
@@ -59,6 +63,9 @@ impl fmt::Display for FunctionReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "`{}` ", self.name)?;
         match self.outcome {
+            FunctionOutcome::NotRun if self.no_thread_left => {
+                return f.write_str("did not run: too many others hang, and no thread is left");
+            }
             FunctionOutcome::NotRun => return f.write_str("did not run"),
             FunctionOutcome::Ran => f.write_str("ran")?,
             FunctionOutcome::Panicked => f.write_str("panicked")?,
@@ -102,6 +109,17 @@ pub(super) enum Task {
     LeftBehind(u8),
     /// Check again at this instant, or on an event.
     Until(Instant),
+}
+
+/// What a worker may do with a function that is to be run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Assignment {
+    /// Run it.
+    Run,
+    /// Leave it to others, or wait until another one can watch.
+    Wait,
+    /// Give it up, and those behind it: there will never be another worker to watch.
+    GiveUp,
 }
 
 /// Functions that run one after the other.
@@ -206,6 +224,7 @@ impl Functions {
         }
         for slot in self.slots.lock().iter_mut() {
             (slot.report.began_after, slot.report.took) = (None, None);
+            slot.report.no_thread_left = false;
             // A function that hangs is not run again.
             if slot.report.outcome != FunctionOutcome::LeftBehind {
                 slot.report.outcome = FunctionOutcome::NotRun;
@@ -231,18 +250,42 @@ impl Functions {
         report(limits.fold(Duration::ZERO, Duration::saturating_add));
     }
 
-    /// Does what there is to do for `member`. `around` is called when a function begins and when it
-    /// has ended: it sets up what the system needs of the thread meanwhile.
+    /// Does what there is to do for the worker with `duty`. `around` is called when a function begins
+    /// and when it has ended: it sets up what the system needs of the thread meanwhile.
     pub(super) fn step(
         &self,
-        member: u8,
+        duty: Leg,
         has_crashed: impl Fn(u8) -> bool,
         around: impl Fn(Moment),
     ) -> Task {
-        match self.failover.take(member) {
+        match duty {
+            // One that may not begin a function looks again: nothing tells it that it may.
+            Leg::Rest if self.failover.is_under_way() => {
+                Task::Until(Instant::now_real() + SHORTEST_LOOK)
+            }
             Leg::Rest => Task::Until(Instant::NEVER),
             Leg::Run(turn) => Task::Ran(self.run(turn, around)),
             Leg::Watch(turn) => self.watch(turn, has_crashed(turn.member())),
+        }
+    }
+
+    /// The duty of `member`, which may do what `assignment` says with a function that is to be run.
+    pub(super) fn take(&self, member: u8, assignment: Assignment) -> Leg {
+        match assignment {
+            Assignment::Run => self.failover.take(member),
+            Assignment::Wait => self.failover.look(),
+            Assignment::GiveUp => {
+                // Under the lock, so that no number is given meanwhile. Whoever sees that they are
+                // done then waits for what is noted here.
+                let mut slots = self.slots.lock();
+                if let Some(first) = self.failover.give_up() {
+                    for slot in slots[first..].iter_mut().filter(|slot| slot.run.is_some()) {
+                        slot.report.no_thread_left = true;
+                    }
+                }
+                drop(slots);
+                self.failover.look()
+            }
         }
     }
 

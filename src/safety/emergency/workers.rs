@@ -4,6 +4,7 @@
 //! | --- | --- | --- |
 //! | runs the next function | any worker | [`functions`](super::functions) |
 //! | leaves behind a worker that hangs | any other on duty | [`functions`](super::functions) |
+//! | keeper: takes signals from the emergency's end to the run's | the first that finds the end | [`member`] |
 //! | on duty: sleeps until there is an event, such as a signal | two, then more | [`member`] |
 //! | in reserve: takes over a core, or the place of one that hangs | the rest | [`reserve`] |
 //! | wakes the watcher when a function may have taken too long | none: the kernel | here |
@@ -27,6 +28,7 @@ use luna_platform::alarm::EventAlarm;
 use luna_platform::clock::Instant;
 use luna_platform::crash::{CrashSlot, MAX_MEMBERS};
 use luna_platform::facts::{PreemptionModel, Source};
+use luna_platform::lock::PiLock;
 use luna_platform::signals;
 use luna_platform::thread::{self, Policy, ThreadNumber};
 use std::sync::OnceLock;
@@ -38,8 +40,8 @@ pub(crate) use threads::EmergencyThread;
 /// How many are on duty from the start: one that runs a function, and one that watches it.
 const ON_DUTY: usize = 2;
 
-/// The members. Seven may hang: before the last of them is left behind, there are two that run and
-/// one that watches.
+/// The members. Seven may hang, and the functions of the emergency run on: one runs, and one watches.
+/// If that one hangs too, the last worker runs nothing, since nothing would notice that it hangs.
 const MAX: usize = MAX_MEMBERS;
 
 /// How much longer a crash waits than the functions may take.
@@ -67,11 +69,17 @@ pub(super) struct EmergencyWorkers {
     policy: OnceLock<Policy>,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MAX],
+    /// Held while a worker takes a function, for a bounded number of steps.
+    assigns: PiLock<()>,
     /// A bit for each member that was left behind.
     left_behind: AtomicU16,
     /// How many there are.
     members: AtomicU32,
     hears_signals: AtomicBool,
+    /// The member that takes signals when the others have ended, plus one; 0 before.
+    keeper: AtomicU32,
+    /// The run is over: so is the keeper's work.
+    is_released: AtomicBool,
     /// The signal that was received, 0 for none.
     heard: AtomicU32,
     /// The signal by which the program crashes, 0 for none.
@@ -97,6 +105,11 @@ impl EmergencyWorkers {
         if let Some(crash) = self.crash.get() {
             crash.set_bound(limits.saturating_add(CRASH_MARGIN));
         }
+    }
+
+    /// Whether `member` is the keeper.
+    fn keeps_signals(&self, member: u8) -> bool {
+        self.keeper.load(Ordering::Acquire) == u32::from(member) + 1
     }
 
     fn is_left_behind(&self, member: u8) -> bool {

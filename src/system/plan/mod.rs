@@ -80,6 +80,8 @@ pub(crate) struct Settings {
     /// The addresses of a system that is to be found by other programs.
     pub(crate) announced: Option<Vec<(String, String)>>,
     pub(crate) replay_logs: TapePlan,
+    /// Recordings may replace files.
+    pub(crate) replaces: bool,
     /// How often to look whether the file of parameters has changed.
     pub(crate) look_at_parameters: Option<Duration>,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.

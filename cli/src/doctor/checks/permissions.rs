@@ -9,7 +9,7 @@ use luna_platform::facts::Unread;
 use luna_platform::facts::task::{
     CAP_IPC_LOCK, CAP_SYS_NICE, has_capability, is_first_user_namespace,
 };
-use luna_platform::shortfall::{MemoryRefusal, PolicyRefusal};
+use luna_platform::shortfall::{Means, MemoryRefusal, PolicyRefusal};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {
@@ -45,6 +45,12 @@ fn capable(machine: &Machine, bit: u32) -> Result<bool, Unread> {
     Ok(effective && first.is_ok_and(|map| is_first_user_namespace(&map)))
 }
 
+/// What a program on that machine has to get privileges with.
+pub(super) fn means(machine: &Machine) -> Means {
+    let status = machine.source.read(STATUS);
+    status.map_or(Means::default(), |status| Means::of(&status))
+}
+
 fn limit(machine: &Machine, name: &str) -> Result<Limit, Unread> {
     machine.source.parse(LIMITS, |text| soft_limit(text, name))
 }
@@ -60,7 +66,7 @@ fn policy(machine: &Machine) -> Result<Seen, Unread> {
         // The emergency thread's, the highest that LUNA asks for.
         let asked = Policy::Fifo(99);
         let why = PolicyRefusal::NotPermitted { limit };
-        Shortfall::Policy { asked, why }.remedy()
+        Shortfall::Policy { asked, why }.remedy_with(means(machine))
     };
     Ok(match limit {
         Limit::Unlimited | Limit::AtMost(99..) => Seen::good(read, LIMITS),
@@ -89,7 +95,8 @@ pub(super) fn can_lock_memory(machine: &Machine) -> Result<(bool, String, &'stat
 
 fn locked_memory(machine: &Machine) -> Result<Seen, Unread> {
     let (can, read, from) = can_lock_memory(machine)?;
-    let remedy = || Shortfall::MemoryLock(MemoryRefusal::Limited { limit: None }).remedy();
+    let refused = Shortfall::MemoryLock(MemoryRefusal::Limited { limit: None });
+    let remedy = || refused.remedy_with(means(machine));
     Ok(match can {
         true => Seen::good(read, from),
         false => Seen::bad(read, from, remedy()),

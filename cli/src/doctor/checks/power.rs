@@ -151,5 +151,10 @@ fn dma_latency(machine: &Machine) -> Result<Seen, Unread> {
         _ => return Err(unread),
     };
     let shortfall = Shortfall::DmaLatency(why);
-    Ok(Seen::better(shortfall.why(), DEVICE, shortfall.remedy()))
+    let means = super::permissions::means(machine);
+    Ok(Seen::better(
+        shortfall.why(),
+        DEVICE,
+        shortfall.remedy_with(means),
+    ))
 }

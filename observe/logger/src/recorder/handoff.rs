@@ -62,6 +62,8 @@ struct State {
     news: News,
     /// When the sink is to have ended.
     limit: Option<Instant>,
+    /// When it is left alone, without the [grace](GRACE) behind its limit.
+    gives_up: Option<Instant>,
     is_left_alone: bool,
     /// The sink's thread has ended, also by a panic.
     is_gone: bool,
@@ -87,6 +89,15 @@ impl Limiter {
         let at = Instant::now() + limit.min(Duration::from_secs(86_400));
         self.0.change(|state| state.limit = Some(at));
     }
+
+    /// From now on the sink has this long, and no grace.
+    pub(super) fn give_up_within(&self, limit: Duration) {
+        let at = Instant::now() + limit;
+        self.0.change(|state| {
+            state.limit = Some(state.limit.map_or(at, |limit| limit.min(at)));
+            state.gives_up = Some(at);
+        });
+    }
 }
 
 /// Waits until `is_so`, or the deadline. Returns whether `is_so`. `asked_to_end`: when the sink was
@@ -100,7 +111,9 @@ fn wait_until(
     while !is_so(&state) {
         let limit = state.limit;
         let left = limit.map_or(Duration::from_secs(3600), |limit| {
-            deadline(limit, asked_to_end).saturating_duration_since(Instant::now())
+            let deadline = deadline(limit, asked_to_end);
+            let until = state.gives_up.map_or(deadline, |at| at.min(deadline));
+            until.saturating_duration_since(Instant::now())
         });
         if left.is_zero() {
             state.is_left_alone = true;
@@ -170,9 +183,9 @@ impl Handoff {
         let late = || io::Error::new(io::ErrorKind::TimedOut, LATE);
         {
             let mut state = self.shared.lock();
-            let is_late = state
-                .limit
-                .is_some_and(|limit| Instant::now() > deadline(limit, None));
+            let last = state.limit.map(|limit| deadline(limit, None));
+            let last = state.gives_up.or(last);
+            let is_late = last.is_some_and(|last| Instant::now() > last);
             if self.thread.is_none() || is_late && job != Job::End {
                 return Err(late());
             }

@@ -66,6 +66,7 @@ pub struct Logging {
     show: Option<Level>,
     sync: Option<Duration>,
     end_within: Duration,
+    replaces: bool,
 }
 
 enum Target {
@@ -83,10 +84,25 @@ impl fmt::Debug for Target {
 }
 
 impl Logging {
-    /// Into a new file; one that is there is replaced. A name that ends in `.replay` is refused
-    /// when the recording begins: that is a replay log.
+    /// Into a new file. What is there stays: if the name is taken, also by a program that records to
+    /// it now, the recording goes to the first free one of `run-2.luna`, `run-3.luna` and so on,
+    /// which the report names. A name that ends in `.replay` is refused when the recording begins:
+    /// that is a replay log.
     pub fn to_file(path: impl Into<PathBuf>) -> Self {
         Self::to(Target::File(path.into()))
+    }
+
+    /// Replaces the file of [`to_file`](Self::to_file) if it is there: its former content is lost.
+    /// One that another program writes is an error.
+    ///
+    /// ```
+    /// use luna_logger::Logging;
+    /// let recording = Logging::to_file("last-run.luna").replacing();
+    /// # drop(recording);
+    /// ```
+    pub fn replacing(mut self) -> Self {
+        self.replaces = true;
+        self
     }
 
     /// Into something else.
@@ -149,6 +165,18 @@ impl Logging {
         }
     }
 
+    /// Where it goes, as the report and errors name it.
+    ///
+    /// ```
+    /// assert_eq!(luna_logger::Logging::to_file("run.luna").place(), "run.luna");
+    /// ```
+    pub fn place(&self) -> String {
+        match &self.target {
+            Target::File(path) => path.display().to_string(),
+            Target::Sink(sink) => sink.place(),
+        }
+    }
+
     fn to(target: Target) -> Self {
         Self {
             target,
@@ -163,6 +191,7 @@ impl Logging {
             show: None,
             sync: None,
             end_within: AT_END,
+            replaces: false,
         }
     }
 
@@ -248,6 +277,10 @@ pub(crate) const UDP: &str = "udp://";
 const AT_END: Duration = Duration::from_secs(10);
 const AT_PEERS: Duration = Duration::from_secs(2);
 
+/// How long a sink has once the end is hurried, and the longest pause between two looks at that.
+const HURRIED: Duration = Duration::from_millis(50);
+const LONGEST_PAUSE: Duration = Duration::from_millis(5);
+
 /// The most words of a ring: 1 GiB.
 const MAX_ROOM: usize = 1 << 27;
 
@@ -279,16 +312,24 @@ impl Recorder {
             show,
             sync,
             end_within,
+            replaces,
         } = recording;
         let (to, sink) = match target {
             Target::File(path) => {
-                let sink = FileSink::create(&path).map(|sink| -> Box<dyn Sink> {
+                let sink = match replaces {
+                    true => FileSink::replace(&path),
+                    false => FileSink::create_numbered(&path),
+                };
+                let to = sink
+                    .as_ref()
+                    .map_or_else(|_| path.display().to_string(), FileSink::place);
+                let sink = sink.map(|sink| -> Box<dyn Sink> {
                     Box::new(match sync {
                         Some(period) => sink.sync_every(period),
                         None => sink,
                     })
                 });
-                (path.display().to_string(), sink)
+                (to, sink)
             }
             Target::Sink(sink) => (sink.place(), Ok(sink)),
         };
@@ -336,29 +377,59 @@ impl Recorder {
         })
     }
 
+    /// Where it records to, as the report names it: the file that it has got.
+    pub fn place(&self) -> &str {
+        &self.to
+    }
+
     /// Ends the recording: writes the rest of the rings, and reports what became of all samples and
     /// messages. Call it when the threads have ended or do not record any more: what they record
     /// meanwhile may be missing without being counted.
     ///
     /// Waits for the sink, at most the limit of [`Logging::end_within`] and the ten seconds named
     /// there, and one second for messages that are shown.
-    pub fn finish(mut self) -> LoggingReport {
-        self.stop()
+    pub fn finish(self) -> LoggingReport {
+        self.finish_unless(|| false)
+    }
+
+    /// As [`finish`](Self::finish); once it `is_hurried`, the sink gets a twentieth of a second more.
+    /// What it has not taken by then is lost and counted, and its thread is detached. For a program
+    /// that is asked to end meanwhile. `is_hurried` is asked every few milliseconds.
+    ///
+    /// ```
+    /// use luna_logger::{Hub, Logging, Recorder};
+    ///
+    /// let hub = Hub::new("bench", Default::default());
+    /// let recorder = Recorder::start(&hub, Logging::to_tcp("localhost:9"))?;
+    /// assert!(recorder.finish_unless(|| true).error.is_some());
+    /// # Ok::<(), luna_logger::StartError>(())
+    /// ```
+    pub fn finish_unless(mut self, is_hurried: impl Fn() -> bool) -> LoggingReport {
+        self.stop(&is_hurried)
             .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))
     }
 
-    fn stop(&mut self) -> Option<LoggingReport> {
+    fn stop(&mut self, is_hurried: &dyn Fn() -> bool) -> Option<LoggingReport> {
         let thread = self.thread.take()?;
         self.hub.end_recording();
         self.limiter.end_within(self.end_within);
         self.running = None;
+        let mut pause = Duration::from_micros(20);
+        while !thread.is_finished() {
+            if is_hurried() {
+                self.limiter.give_up_within(HURRIED);
+                break;
+            }
+            std::thread::sleep(pause);
+            pause = (pause * 2).min(LONGEST_PAUSE);
+        }
         thread.join().ok()
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        let _ = self.stop();
+        let _ = self.stop(&|| false);
     }
 }
 

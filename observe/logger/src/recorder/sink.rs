@@ -1,6 +1,7 @@
 //! Where blocks go.
 
 use crate::format::Tally;
+use luna_platform::new_file;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -82,11 +83,12 @@ pub struct FileSink {
 }
 
 impl FileSink {
-    /// A new file; one that is there is replaced.
+    /// A new file. Two programs do not write one file: it is locked.
     ///
     /// # Errors
     ///
-    /// The system's own, or that of [`check_name`](Self::check_name).
+    /// [`AlreadyExists`](io::ErrorKind::AlreadyExists) if there is something in it, or another
+    /// program writes it. Else the system's own, or that of [`check_name`](Self::check_name).
     ///
     /// ```
     /// use luna_logger::FileSink;
@@ -94,13 +96,39 @@ impl FileSink {
     /// ```
     pub fn create(path: &Path) -> io::Result<FileSink> {
         Self::check_name(path)?;
-        Ok(FileSink {
-            path: path.to_owned(),
-            file: File::create(path)?,
+        new_file::create(path).map(|file| Self::to(path.to_owned(), file))
+    }
+
+    /// As [`create`](Self::create). If that is taken, one with a number: `run.luna`, `run-2.luna`.
+    /// [`place`](Sink::place) names it.
+    ///
+    /// # Errors
+    ///
+    /// The system's own, or that of [`check_name`](Self::check_name).
+    pub fn create_numbered(path: &Path) -> io::Result<FileSink> {
+        Self::check_name(path)?;
+        new_file::create_numbered(path).map(|(path, file)| Self::to(path, file))
+    }
+
+    /// A file whose former content is lost.
+    ///
+    /// # Errors
+    ///
+    /// [`WouldBlock`](io::ErrorKind::WouldBlock) if another program writes it: nothing is lost then.
+    /// Else the system's own, or that of [`check_name`](Self::check_name).
+    pub fn replace(path: &Path) -> io::Result<FileSink> {
+        Self::check_name(path)?;
+        new_file::replace(path).map(|file| Self::to(path.to_owned(), file))
+    }
+
+    fn to(path: PathBuf, file: File) -> FileSink {
+        FileSink {
+            path,
+            file,
             length: 0,
             is_broken: false,
             sync: None,
-        })
+        }
     }
 
     /// Refuses a name that ends in `.replay`: that is a replay log, another kind of file.

@@ -11,7 +11,7 @@ pub fn record(to: &Path, fault: (Unit, Breakage)) {
     let (unit, fault) = fault;
     let mut system = System::new("production cell");
     system.virtual_clock();
-    system.log(Logging::to_file(to));
+    system.log(Logging::to_file(to).replacing());
     let drill = Drill {
         unit,
         fault,

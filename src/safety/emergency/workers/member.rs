@@ -1,8 +1,9 @@
 //! What a worker does: run the functions, watch the worker that runs one, and take signals.
 
-use super::super::functions::{Moment, Task};
+use super::super::functions::{Assignment, Functions, Moment, Task};
 use super::{Emergency, EmergencyWorkers};
 use crate::safety::state::Cause;
+use luna_core::failover::{FailoverSequence, Leg};
 use luna_executors::ProcessRegistry;
 use luna_platform::clock::Instant;
 use luna_platform::{signals, thread};
@@ -18,14 +19,33 @@ impl EmergencyWorkers {
 
     /// The kernel may not choose the calling thread any more: one that runs a function may hang, or
     /// be left behind with the lowest priority, and the user's code need not know of interrupted
-    /// calls. If it `is_last` it takes requests all the same, so that a second one ends the program
-    /// also when all workers hang.
-    fn refuse_signals(&self, is_last: bool) {
+    /// calls. One that watches takes them; there always is one.
+    fn refuse_signals(&self) {
         if self.hears_signals.load(Ordering::Relaxed) {
             signals::refuse_here();
-            if is_last {
-                signals::accept_ends_here();
+        }
+    }
+}
+
+impl EmergencyWorkers {
+    /// The emergency's work is over. The first member that comes here takes signals on, until the run
+    /// is over: a sink that stalls may hold up the run, which looks for them, and a second one ends
+    /// the program.
+    fn keep_signals(&self, member: u8) {
+        let own = u32::from(member) + 1;
+        let taken = self
+            .keeper
+            .compare_exchange(0, own, Ordering::AcqRel, Ordering::Relaxed);
+        if taken.is_err() {
+            return;
+        }
+        self.accept_signals();
+        loop {
+            let seen = signals::event_count();
+            if self.is_released.load(Ordering::Acquire) {
+                return;
             }
+            signals::wait_for_event(seen, Instant::NEVER);
         }
     }
 }
@@ -52,7 +72,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, registry: &ProcessRegistr
             return;
         };
         if emergency.may_end() {
-            return;
+            return workers.keep_signals(member);
         }
         signals::wait_for_event(seen, until);
     }
@@ -72,7 +92,13 @@ fn work(emergency: &Emergency, member: u8, registry: &ProcessRegistry) -> Option
             Task::Ran(true) => {}
             Task::Ran(false) => return None,
             Task::LeftBehind(other) => workers.leave_behind(other),
-            Task::Until(until) => return Some(until),
+            Task::Until(until) => {
+                // The rest may have been given up.
+                if emergency.is_safe() {
+                    announce(emergency, registry);
+                }
+                return Some(until);
+            }
         }
     }
 }
@@ -103,8 +129,7 @@ fn step(emergency: &Emergency, member: u8) -> Task {
             if is_announced {
                 emergency.workers.bring_a_third();
             }
-            let is_last = emergency.is_last_worker();
-            emergency.workers.refuse_signals(is_last);
+            emergency.workers.refuse_signals();
             let number = emergency.workers.numbers[usize::from(member)].get();
             if let Some((crash, number)) = crash.zip(number) {
                 crash.enter(member, *number);
@@ -129,7 +154,8 @@ fn step(emergency: &Emergency, member: u8) -> Task {
         (&emergency.at_emergency, false),
         (&emergency.at_safe_state, true),
     ] {
-        match functions.step(member, has_crashed, |moment| around(moment, is_announced)) {
+        let duty = emergency.duty(functions, member);
+        match functions.step(duty, has_crashed, |moment| around(moment, is_announced)) {
             Task::Until(at) => until = until.min(at),
             done => return done,
         }
@@ -137,12 +163,44 @@ fn step(emergency: &Emergency, member: u8) -> Task {
     Task::Until(until)
 }
 
+/// Whether a function of the emergency may begin, with so many workers that are `able` to.
+fn of_emergency(able: u32, runs_of_safe_state: bool) -> Assignment {
+    match able {
+        0 | 1 => Assignment::GiveUp,
+        // The other one watches, unless it runs a function itself.
+        2 if runs_of_safe_state => Assignment::Wait,
+        _ => Assignment::Run,
+    }
+}
+
+/// Whether a function of the safe state may begin: it leaves two workers to an emergency, until that
+/// is over.
+fn of_safe_state(able: u32, emergency: &FailoverSequence) -> Assignment {
+    match able {
+        0 | 1 => Assignment::GiveUp,
+        2 if emergency.is_under_way() => Assignment::Wait,
+        2 if !emergency.is_done() => Assignment::GiveUp,
+        _ => Assignment::Run,
+    }
+}
+
 impl Emergency {
-    /// Whether no worker is left to watch while the calling one runs a function.
-    fn is_last_worker(&self) -> bool {
-        let kinds = [&self.at_emergency, &self.at_safe_state];
-        let run = kinds.map(|kind| u32::from(kind.failover.is_under_way()));
-        self.workers.able() <= run.iter().sum()
+    /// The duty of `member` with `functions`, of either kind. It may run one only if another worker
+    /// is left to watch it.
+    fn duty(&self, functions: &Functions, member: u8) -> Leg {
+        if !functions.failover.is_under_way() {
+            return Leg::Rest;
+        }
+        // One at a time: no two count each other as the one that watches. A worker that is being
+        // left behind may still be counted; the one that leaves it behind runs nothing meanwhile.
+        let _one_at_a_time = self.workers.assigns.lock();
+        let able = self.workers.able();
+        let assignment = if std::ptr::eq(functions, &self.at_emergency) {
+            of_emergency(able, self.at_safe_state.failover.is_running())
+        } else {
+            of_safe_state(able, &self.at_emergency.failover)
+        };
+        functions.take(member, assignment)
     }
 
     /// Begins if a signal has come. It has begun when this returns, also if another worker received

@@ -8,7 +8,7 @@ use luna_executors::ProcessRegistry;
 use luna_platform::crash::CrashWatch;
 use luna_platform::facts::Source;
 use luna_platform::shortfall::Shortfall;
-use luna_platform::signals::{Listeners, Signal, SignalError, SignalWatch};
+use luna_platform::signals::{self, Listeners, Signal, SignalError, SignalWatch};
 use luna_platform::thread::{
     self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread,
 };
@@ -23,6 +23,8 @@ pub(crate) struct EmergencyThread {
     policy: Policy,
     /// With their numbers as members; those on duty from the start come last.
     threads: Vec<(u8, Thread<()>)>,
+    /// The one that takes signals, when the others have ended.
+    keeper: Option<Thread<()>>,
     listeners: Option<Listeners>,
     signals: Option<SignalWatch>,
     crash: Option<CrashWatch>,
@@ -69,6 +71,7 @@ impl EmergencyThread {
             registry,
             policy,
             threads: Vec::with_capacity(MAX),
+            keeper: None,
             listeners: Some(Listeners::new()),
             signals,
             crash,
@@ -142,11 +145,19 @@ impl EmergencyThread {
     }
 
     /// Ends the workers, which run the functions before that if there is an emergency. Returns the
-    /// signal that was received, if one came. From then on [`Emergency::is_safe`] is final.
-    pub(crate) fn stop(mut self) -> Option<i32> {
+    /// signal that was received, if one came. From then on [`Emergency::is_safe`] is final. One
+    /// thread takes signals until this is dropped.
+    pub(crate) fn stop(&mut self) -> Option<i32> {
         self.is_armed = false;
         self.join();
         self.heard()
+    }
+
+    /// The signal that was received too late for the functions, if one was: the run is to return
+    /// soon. Final when this is dropped.
+    pub(crate) fn late_signal(&self) -> Option<i32> {
+        let is_watched = self.signals.is_some() && self.heard().is_none();
+        is_watched.then(signals::received).flatten()
     }
 
     /// The signal that was received before the end was certain.
@@ -163,27 +174,44 @@ impl EmergencyThread {
         }
         for (member, thread) in self.threads.drain(..) {
             // A hung worker is detached: the watching worker may notice only now. No event covers
-            // both conditions, and polling is good enough here.
-            while !thread.is_finished() && !workers.is_left_behind(member) {
+            // all conditions, and polling is good enough here.
+            while !thread.is_finished()
+                && !workers.is_left_behind(member)
+                && !workers.keeps_signals(member)
+            {
                 std::thread::sleep(LOOKS_EVERY);
             }
-            if thread.is_finished() {
+            if workers.keeps_signals(member) {
+                self.keeper = Some(thread);
+            } else if thread.is_finished() {
                 // A panic in a function is caught; the thread's own would have been reported by the
                 // panic hook.
                 let _ = thread.join();
             }
         }
-        if let Some(crash) = &self.crash {
+        // From now on there is nothing that a crash would have to wait for.
+        if let Some(crash) = self.crash.take() {
             // The program is about to end by the signal, unless the handler that was set before
             // prevents it. It must not exit as if there had been no crash.
             while crash.slot().signal().is_some() {
                 std::thread::sleep(LOOKS_EVERY);
             }
         }
+    }
+
+    /// Ends the keeper, and the watch.
+    fn release(&mut self) {
+        self.emergency
+            .workers
+            .is_released
+            .store(true, Ordering::Release);
+        signals::announce_event();
+        if let Some(keeper) = self.keeper.take() {
+            let _ = keeper.join();
+        }
         drop(self.listeners.take());
         if let Some(signals) = self.signals.take() {
-            // A signal that came too late for the functions has the effect that it has after the
-            // end.
+            // A handler of the program's own hears of a signal that came too late.
             signals.give_back(self.heard().is_none());
         }
     }
@@ -196,6 +224,7 @@ impl Drop for EmergencyThread {
             self.emergency.trigger(Cause::Panic);
         }
         self.join();
+        self.release();
     }
 }
 

@@ -54,7 +54,7 @@ fn record(to: &Path) {
     let nothing = nothing.named("never");
     let mut system = System::new("store");
     system.virtual_clock();
-    system.log(Logging::to_file(to).room_for_events(1 << 14));
+    system.log(Logging::to_file(to).replacing().room_for_events(1 << 14));
     let executor = system.executor("main").build().unwrap();
     let source = async move {
         for number in 0..10 {
