@@ -206,9 +206,9 @@ mod tests {
     }
 
     fn has_alarm() -> bool {
-        let has_alarm = cfg!(all(target_os = "linux", not(luna_portable)));
+        let has_alarm = Alarm::new(|| ()).is_some();
         if !has_alarm {
-            println!("skipped: the platform has no alarm");
+            println!("skipped: an alarm needs SCHED_FIFO");
         }
         has_alarm
     }
@@ -276,7 +276,6 @@ mod tests {
         });
     }
 
-    /// Its signal would interrupt a blocking call of the process.
     #[test]
     fn a_process_that_may_block_has_no_alarm_and_keeps_its_deadlines() {
         let spec = ProcessSpec::new("blocks");
@@ -305,7 +304,11 @@ mod tests {
                 }
                 let deadline = Instant::now() + SHORT;
                 let mut sleep = pin!(Sleep::until(deadline));
-                poll(sleep.as_mut());
+                // Another thread may take the core away until the deadline has passed.
+                let polled = sleep.as_mut().poll(&mut Context::from_waker(Waker::noop()));
+                if polled.is_ready() {
+                    continue;
+                }
                 while Instant::now() < deadline + SHORT {}
                 yield_now().await;
                 let again = sleep.poll(&mut Context::from_waker(Waker::noop()));

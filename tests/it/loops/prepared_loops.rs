@@ -144,9 +144,8 @@ fn a_loop_of_a_process_that_comes_later_begins_with_its_body() {
             later.spawn(process)?;
             // A loop that is made on this thread after a `pre_run` belongs to the process that
             // makes it.
-            let made = luna::now();
             let mut own = luna::periodic("own", PERIOD)?;
-            burn_until(made + PERIOD * 4);
+            burn_until(luna::now() + PERIOD * 4);
             assert!(own.next().await.number >= 3);
             Ok(())
         });
