@@ -27,7 +27,6 @@ fn between(from: Instant, until: Instant) -> Option<Interference> {
 
 #[test]
 fn a_turn_is_laid_to_the_one_that_had_it() {
-    let has_alarm = Alarm::new(|| ()).is_some();
     // Again if a busy machine gave the hog its turn too late to be in the way.
     let is_tried = (0..20).any(|_| {
         let executor = Executor::start(Attributes::new("main")).unwrap();
@@ -65,6 +64,7 @@ fn a_turn_is_laid_to_the_one_that_had_it() {
 /// from the alarm on.
 #[test]
 fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
+    let has_alarm = Alarm::new(|| ()).is_some();
     // Again if a busy machine gave the hog its turn too late to be in the way.
     let is_tried = (0..20).any(|_| {
         let executor = Executor::start(Attributes::new("main")).unwrap();
