@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 /// The same programs give the same figures. Programs that are arranged otherwise in memory, and begin
 /// at another phase of the kernel's tick, differed by up to 1.5 %.
 const MEDIAN: f64 = 0.03;
+/// A smaller difference of a median, in µs, is none: 100 instructions.
+const LEAST: f64 = 0.2;
 
 /// The verdict on a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +31,7 @@ impl Verdict {
             return Verdict::New;
         };
         let median = match (old.p50, now.p50) {
-            (Some(old), Some(now)) => now / old - 1.0,
+            (Some(old), Some(now)) if (now - old).abs() >= LEAST => now / old - 1.0,
             _ => 0.0,
         };
         let max = now.max / old.max - 1.0;
