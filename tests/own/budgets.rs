@@ -252,9 +252,10 @@ fn the_emergency_runs_and_names_the_culprit() {
             panic!("{error}");
         };
         assert_eq!(name, "drive");
+        // So far: the poll may not have ended yet when the overrun was found.
         assert!(matches!(
             *source,
-            Error::BudgetOverrun { budget: BUDGET, taken, .. } if taken >= TOO_LONG
+            Error::BudgetOverrun { budget: BUDGET, taken, .. } if taken > BUDGET
         ));
         assert!(safe.load(Ordering::SeqCst));
         let report = system.report().unwrap();
