@@ -52,8 +52,8 @@ const ROUNDS_OF_LOOKING: u32 = 32;
 /// # Invariants
 ///
 /// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is
-/// busy, it announces what comes before `armed`, which the alarm is armed for or has rung for;
-/// [`Instant::NEVER`] if it is not armed.
+/// busy, it announces what comes before [`LEAD`] after `armed`. The alarm is armed for `armed`, or has
+/// rung for it; [`Instant::NEVER`] if it is not armed.
 pub(crate) struct Deadlines {
     shared: Arc<Shared>,
     timers: Arc<TimerQueue>,
@@ -134,7 +134,8 @@ impl Deadlines {
         self.take_rung();
         if self.arm(self.timers.next_deadline()) {
             self.is_busy.set(true);
-            self.timers.provide(self.armed.get());
+            let rings = self.armed.get();
+            self.timers.provide(rings.plus_nanos(LEAD));
             interference::look_no_more();
         } else {
             inbound.ask_look();
@@ -273,6 +274,29 @@ mod tests {
                 yield_now().await;
                 assert_eq!(ARMED.get() - before, armed, "{seconds}");
             }
+        });
+    }
+
+    /// The alarm rings before a deadline, and so must it before one that is a little earlier.
+    #[test]
+    fn a_deadline_within_the_lead_of_another_arms_anew() {
+        if !has_alarm() {
+            return;
+        }
+        on_busy_executor(|| async {
+            let base = Instant::now() + Duration::from_secs(500);
+            let mut later = pin!(Sleep::until(base));
+            poll(later.as_mut());
+            // The executor looks behind a deadline, and then no more.
+            Sleep::until(Instant::now() + Duration::from_millis(1)).await;
+            for _ in 0..2 * ROUNDS_OF_LOOKING {
+                yield_now().await;
+            }
+            let before = ARMED.get();
+            let mut sooner = pin!(Sleep::until(base - Duration::from_nanos(LEAD / 2)));
+            poll(sooner.as_mut());
+            yield_now().await;
+            assert_eq!(ARMED.get() - before, 1);
         });
     }
 

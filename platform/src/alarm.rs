@@ -2,7 +2,7 @@
 //! that sets a bit of a word which the busy thread reads anyway.
 //!
 //! So a busy thread sees its deadlines without reading the clock. All alarms of a program have one
-//! thread, `luna-alarm`. It has SCHED_FIFO 98, above all threads of the user, on any core, and
+//! thread, `luna-alarm`. It has SCHED_FIFO 98 or the user's limit, above the threads that it serves, and
 //! sleeps in a futex ([`DeadlineSleep`]): so it runs when its deadline comes, on every preemption
 //! model of the kernel, however busy the threads of the user are. Each deadline takes a few
 //! microseconds of a processor. Where the kernel keeps other threads before it, there is no alarm
@@ -268,7 +268,7 @@ mod tests {
         let (Some((gone, gone_word)), Some((alarm, word))) = (alarm(), alarm()) else {
             return;
         };
-        let end = Instant::now() + Duration::from_millis(2);
+        let end = Instant::now() + Duration::from_millis(20);
         gone.arm(end);
         drop(gone);
         assert_eq!(
@@ -278,6 +278,10 @@ mod tests {
         );
         alarm.arm(end);
         alarm.disarm();
+        if Instant::now() >= end {
+            println!("skipped: this thread was kept off its core: the alarms may have rung");
+            return;
+        }
         let Some((later, later_word)) = self::alarm() else {
             return;
         };

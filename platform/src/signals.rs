@@ -187,9 +187,9 @@ impl SignalWatch {
     /// Ends the watch. If it was the last, and `again`, a received signal is sent to this process
     /// once more where the program has a handler of its own for it: for a caller that has not acted
     /// on it, since it came too late. Without a handler it would end the program, and what the
-    /// caller is about to report would be lost: the caller reports the signal. Not for the real-time
-    /// path.
-    pub fn give_back(self, again: bool) {
+    /// caller is about to report would be lost: the caller reports the signal, which is returned.
+    /// Not for the real-time path.
+    pub fn give_back(self, again: bool) -> Option<i32> {
         let received = self.end();
         std::mem::forget(self);
         if again
@@ -198,6 +198,7 @@ impl SignalWatch {
         {
             backend::send_to_this_process(number);
         }
+        received
     }
 
     /// Returns the signal that was received, if this was the last watch.

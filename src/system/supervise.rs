@@ -75,8 +75,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let mut outcome = conclude(plan, ended, &|| signals.late_signal().is_some());
     system_threads.is_over = true;
     pending.settle(outcome.as_ref().err());
-    let late_signal = signals.late_signal();
-    drop(signals);
+    let late_signal = signals.finish();
     let kept = &mut plan.members().report;
     for report in outcome.as_mut().ok().into_iter().chain(kept) {
         report.late_signal = late_signal;
@@ -232,17 +231,19 @@ fn end(
     (ended, safety_threads.emergency)
 }
 
-/// Looks for polls and cycles that do not end. Returns when to look again.
-fn look_for_overdue(members: &Members) -> Instant {
-    let now = Instant::now();
+/// Looks for polls and cycles that do not end, `now` being read before the ends of processes were
+/// noted. Returns when to look again, and whether one was found for the first time.
+fn look_for_overdue(members: &Members, now: Instant) -> (Instant, bool) {
     let ledgers = members.started.monitored();
     let running = ledgers.filter(|(_, member)| !member.is_reaped());
-    let next = running.filter_map(|(_, member)| Some(member.ledger()?.look(now)));
-    let next = next.min().unwrap_or(Instant::NEVER);
-    if next == Instant::NEVER {
-        return next;
+    let looks = running.filter_map(|(_, member)| Some(member.ledger()?.look(now)));
+    let (next, is_overdue) = looks.fold((Instant::NEVER, false), |all, one| {
+        (all.0.min(one.0), all.1 | one.1)
+    });
+    match next {
+        Instant::NEVER => (next, is_overdue),
+        next => (next.max(now + OVERDUE_AFTER), is_overdue),
     }
-    next.max(now + OVERDUE_AFTER)
 }
 
 fn report_stolen(running: &Running, window: &Window) {
@@ -289,6 +290,7 @@ fn watch(
             // then on do not count.
             errors: (!emergency.has_begun()).then_some(pending),
         };
+        let before_reaping = Instant::now();
         let have_ended = reaper.reap();
         {
             let mut members = plan.members();
@@ -305,10 +307,14 @@ fn watch(
             }
         }
         // On a virtual clock budgets count another time than this thread's.
-        let overdue_at = match launched.clock.is_virtual() {
-            true => Instant::NEVER,
-            false => look_for_overdue(&plan.members()),
+        let (overdue_at, is_overdue) = match launched.clock.is_virtual() {
+            true => (Instant::NEVER, false),
+            false => look_for_overdue(&plan.members(), before_reaping),
         };
+        // Without the lock of the members, which an emergency function may need.
+        if is_overdue {
+            emergency.trigger(Cause::Overrun);
+        }
         let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
         for line in lines {
             notice!("{line}");

@@ -76,11 +76,11 @@ impl RealTimeShare {
     }
 
     /// Whether a thread that had the core for `processor_time` in `elapsed` came to the limit, or to
-    /// within 2 % of the time before it. A shorter time than a period shows nothing.
+    /// within 2 % of it. A shorter time than a period shows nothing.
     pub fn is_reached(&self, processor_time: Duration, elapsed: Duration) -> bool {
         let share = self.runtime.as_secs_f64() / self.period.as_secs_f64();
         elapsed >= self.period
-            && processor_time.as_secs_f64() >= elapsed.as_secs_f64() * (share - 0.02)
+            && processor_time.as_secs_f64() >= elapsed.as_secs_f64() * share * 0.98
     }
 }
 

@@ -121,10 +121,12 @@ pub(crate) fn demote(number: i32) {
 /// Until the guard is dropped, the calling thread runs before all threads of users. One that the
 /// kernel refuses this, and one of a deadline policy, goes on as it is.
 pub(crate) fn above_users() -> OnDrop<impl FnMut()> {
+    // At a user's limit no thread of that user is above this one, and one that is as high waits.
+    let priority = highest_priority().min(TIMER_PRIORITY);
     let own = scheduler(0).filter(|&(policy, _)| {
         let flag = policy & libc::SCHED_RESET_ON_FORK;
         policy & !flag != libc::SCHED_DEADLINE
-            && set_scheduler(0, libc::SCHED_FIFO | flag, TIMER_PRIORITY.into()).is_ok()
+            && set_scheduler(0, libc::SCHED_FIFO | flag, priority.into()).is_ok()
     });
     OnDrop::new(move || {
         if let Some((policy, priority)) = own {

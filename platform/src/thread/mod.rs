@@ -173,7 +173,7 @@ pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, SpawnError>
 pub use backend::current_policy;
 
 /// The highest real-time priority that the process may have, 0 for none. The system may refuse it
-/// all the same, in a container for instance. Not for the real-time path: reads a file.
+/// all the same, in a container for instance. Not for the real-time path: two system calls.
 ///
 /// ```
 /// assert!(luna_platform::thread::highest_priority() <= 99);
@@ -263,7 +263,7 @@ pub fn demote(thread: ThreadNumber) {
 }
 
 /// Until the guard is dropped, the calling thread runs before all threads of users: at SCHED_FIFO
-/// 98, if the program is allowed to. For some steps that the threads which they wake must not
+/// 98, or at the user's limit, if the program is allowed to. For some steps that the threads which they wake must not
 /// interrupt; start no thread meanwhile. Three system calls now, one when it is dropped.
 ///
 /// ```

@@ -104,11 +104,11 @@ impl Ledger {
     }
 
     /// Looks for a poll or cycle that has lasted for longer than its budget at `now`, which was read
-    /// before this call. Triggers the emergency if there is one. Returns when to look again. For
-    /// the thread that runs the system.
-    pub(crate) fn look(&self, now: Instant) -> Instant {
+    /// before this call. Returns when to look again, and whether one was found for the first time:
+    /// then the caller triggers the emergency. For the thread that runs the system.
+    pub(crate) fn look(&self, now: Instant) -> (Instant, bool) {
         if !self.is_watched() {
-            return Instant::NEVER;
+            return (Instant::NEVER, false);
         }
         let under_way = [
             (BudgetKind::Poll, self.budgets.poll, self.under_way.poll()),
@@ -118,25 +118,26 @@ impl Ledger {
                 self.under_way.first_cycle(),
             ),
         ];
-        let mut next = Instant::NEVER;
+        let (mut next, mut is_overdue) = (Instant::NEVER, false);
         for (kind, budget, began) in under_way {
             let Some(budget) = budget else { continue };
             match began {
                 Some(began) if now.nanos_since(began) > nanos(budget) => {
-                    self.overdue(kind, budget, began, now);
+                    is_overdue |= self.overdue(kind, budget, began, now);
                 }
                 // Those that begin after this look are found by the next.
                 began => next = next.min(began.unwrap_or(now) + budget),
             }
         }
-        next
+        (next, is_overdue)
     }
 
-    fn overdue(&self, kind: BudgetKind, budget: Duration, began: Instant, now: Instant) {
+    /// Notes it, and returns whether it is the first.
+    fn overdue(&self, kind: BudgetKind, budget: Duration, began: Instant, now: Instant) -> bool {
         let taken = now - began;
         let mut books = self.books.lock();
         if books.offence.is_some() {
-            return;
+            return false;
         }
         books.offence = Some(Error::BudgetOverrun {
             kind,
@@ -154,10 +155,7 @@ impl Ledger {
             usage: None,
         };
         overruns.worst.get_or_insert((worst, None));
-        drop(books);
-        if let Some((emergency, _)) = self.system.get() {
-            emergency.trigger(Cause::Overrun);
-        }
+        true
     }
 
     /// O(1), no allocation. Three system calls to read what the kernel has counted; one more to

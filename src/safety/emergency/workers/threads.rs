@@ -154,7 +154,7 @@ impl EmergencyThread {
     }
 
     /// The signal that was received too late for the functions, if one was: the run is to return
-    /// soon. Final when this is dropped.
+    /// soon. [`finish`](Self::finish) has the final one.
     pub(crate) fn late_signal(&self) -> Option<i32> {
         let is_watched = self.signals.is_some() && self.heard().is_none();
         is_watched.then(signals::received).flatten()
@@ -199,8 +199,14 @@ impl EmergencyThread {
         }
     }
 
-    /// Ends the keeper, and the watch.
-    fn release(&mut self) {
+    /// Ends all that takes signals. Returns the [late signal](Self::late_signal), which is final.
+    pub(crate) fn finish(mut self) -> Option<i32> {
+        self.release()
+    }
+
+    /// Ends the keeper, and the watch. Returns the late signal, once.
+    fn release(&mut self) -> Option<i32> {
+        let seen = self.late_signal();
         self.emergency
             .workers
             .is_released
@@ -210,10 +216,11 @@ impl EmergencyThread {
             let _ = keeper.join();
         }
         drop(self.listeners.take());
-        if let Some(signals) = self.signals.take() {
-            // A handler of the program's own hears of a signal that came too late.
-            signals.give_back(self.heard().is_none());
-        }
+        let is_late = self.heard().is_none();
+        // A handler of the program's own hears of a signal that came too late.
+        let taken = self.signals.take()?.give_back(is_late);
+        // Other systems of the program may watch on: then none was taken.
+        taken.filter(|_| is_late).or(seen)
     }
 }
 

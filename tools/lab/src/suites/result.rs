@@ -20,6 +20,8 @@ pub(crate) struct Outcome {
     /// The failed tests, with what each printed.
     failed: Vec<(String, String)>,
     running: BTreeSet<String>,
+    /// The harness has said how the whole ended.
+    has_suite_ended: bool,
     /// What is no event.
     other: Vec<String>,
     ended: Result<u8, String>,
@@ -36,6 +38,7 @@ impl Outcome {
             passed: 0,
             failed: Vec::new(),
             running: BTreeSet::new(),
+            has_suite_ended: false,
             other: Vec::new(),
             ended: Err("it did not begin".to_owned()),
         }
@@ -63,6 +66,7 @@ impl Outcome {
                     .push((text("name").to_owned(), text("stdout").to_owned()));
             }
             ("suite", "ok" | "failed") => {
+                self.has_suite_ended = true;
                 self.filtered = event["filtered_out"].as_u64().unwrap_or(0);
             }
             ("suite", _) | ("test", "timeout") => {}
@@ -76,7 +80,7 @@ impl Outcome {
     }
 
     pub(crate) fn is_passed(&self) -> bool {
-        let has_run = !self.has_harness || self.running.is_empty();
+        let has_run = !self.has_harness || self.has_suite_ended && self.running.is_empty();
         self.ended == Ok(0) && self.failed.is_empty() && has_run
     }
 
