@@ -16,6 +16,12 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+/// The users that the guest knows.
+const USERS: &str = "\
+root:x:0:0:root:/:/bin/sh
+nobody:x:65534:65534:nobody:/:/bin/sh
+";
+
 /// The first process. Nothing of the user's is part of it: file names are in the archive, and the
 /// commands in a file of their own.
 const INIT: &str = "\
@@ -129,11 +135,14 @@ impl Boot {
         archive
             .tree("", &root)
             .map_err(|error| failed(&root.display().to_string(), error))?;
-        for folder in ["dev", "proc", "sys", "tmp", "lab"] {
+        for folder in ["dev", "etc", "proc", "sys", "tmp", "lab"] {
             archive
                 .folder(folder)
                 .map_err(|error| failed(folder, error))?;
         }
+        archive
+            .bytes("etc/passwd", 0o644, USERS.as_bytes())
+            .map_err(|error| failed("etc/passwd", error))?;
         archive
             .bytes("init", 0o755, INIT.as_bytes())
             .map_err(|error| failed("init", error))?;
