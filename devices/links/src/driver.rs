@@ -38,8 +38,11 @@ use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Buffer, Error, Policy, Process, Receiver, Sender};
 use luna_platform::clock::{Clock, Instant};
+use luna_platform::signals;
 use luna_platform::thread::{self, Attributes, Thread};
 use std::convert::Infallible;
+use std::fmt;
+use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
@@ -264,7 +267,7 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver
         )
         .map_err(Error::other)?;
         for shortfall in &thread.obtained().shortfalls {
-            eprintln!("luna: the driver of `{}`: {shortfall}", self.name);
+            notice(format_args!("the driver of `{}`: {shortfall}", self.name));
         }
         self.thread = Some(thread);
         Ok(())
@@ -318,10 +321,10 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver
         if let Some(thread) = self.thread.take() {
             let requested = self.jobs.blocking_send_timeout(Job::End, self.lost_after);
             if requested.as_ref().is_err_and(|error| error.is_timeout()) {
-                eprintln!(
-                    "luna: the driver of `{}` hangs in a transaction; its thread is detached, and its device stays open",
+                notice(format_args!(
+                    "the driver of `{}` hangs in a transaction; its thread is detached, and its device stays open",
                     self.name
-                );
+                ));
             } else {
                 // Its panic was reported by the hook.
                 let _ = thread.join();
@@ -386,3 +389,10 @@ luna_platform::debug_fields!(
     lost_after: driver.lost_after,
     counts: driver.counts
 );
+
+/// Writes a line to standard error, which may be a pipe without a reader or a file at its limit: a
+/// machine does not end by that.
+fn notice(line: fmt::Arguments<'_>) {
+    let line = format!("luna: {line}\n");
+    let _ = signals::without_write_signals(|| std::io::stderr().write_all(line.as_bytes()));
+}
