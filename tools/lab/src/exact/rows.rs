@@ -63,9 +63,11 @@ hackbench -g 2 -l 100000000 > /dev/null 2>&1 &
 renice -n -20 -p $$
 sleep 0.5";
 
-/// How much the longest latency of a quiet loop may exceed the recorded one: twice of what another
-/// arrangement in memory and another phase made.
-const QUIET: f64 = 0.1;
+/// How much the longest latency of a quiet loop may exceed the recorded one. Most arrangements in
+/// memory and phases made 6 %. A loop beside others is met by chance while the executor goes to
+/// sleep, which made 64 % once.
+const QUIET: f64 = 0.25;
+const BESIDE_OTHERS: f64 = 1.0;
 /// The same beside hackbench, whose longest sections are met by chance: they made half as much again.
 const LOADED: f64 = 0.6;
 /// The same of a busy executor's: one of 2 µs was three times as long where the alarm's thread came
@@ -95,10 +97,10 @@ pub(crate) fn all() -> Boots {
         command: format!("/lab/luna jitter --core 0 --json {options}"),
         runs,
         reading: Reading::Json("jitter"),
-        longest: if name.starts_with("hackbench") {
-            LOADED
-        } else {
-            QUIET
+        longest: match name {
+            _ if name.starts_with("hackbench") => LOADED,
+            _ if name.contains("--others") => BESIDE_OTHERS,
+            _ => QUIET,
         },
         goal,
     };
