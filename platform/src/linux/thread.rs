@@ -265,7 +265,7 @@ pub(crate) fn ordinary_child(command: &mut Command) {
 }
 
 /// Lets this thread run on all cores of the process. Async-signal-safe once the initial mask is
-/// [known](remember_process).
+/// known.
 pub fn unpin() {
     if sched_setaffinity(MYSELF, initial_mask()).is_err() {
         // The control group has other cores by now. All of them, then: the kernel keeps those that
