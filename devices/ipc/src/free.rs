@@ -11,9 +11,11 @@ use std::path::Path;
 /// not say bounds nothing.
 pub(crate) fn here(file: &File) -> io::Result<(u64, bool)> {
     let found = fstatvfs(file)?;
-    let folder = found
-        .blocks_available()
-        .saturating_mul(found.fragment_size());
+    // A tmpfs without a limit says that it has no blocks at all.
+    let folder = match found.blocks() {
+        0 => u64::MAX,
+        _ => (found.blocks_available()).saturating_mul(found.fragment_size()),
+    };
     let memory = fs::read_to_string("/proc/meminfo").ok();
     let memory = memory.as_deref().and_then(available).unwrap_or(u64::MAX);
     let memory = memory.min(of_groups().unwrap_or(u64::MAX));

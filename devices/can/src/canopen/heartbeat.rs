@@ -180,7 +180,7 @@ impl HeartbeatConsumer {
     /// The next frame, until `due`. `late` frames were handled since then: those that waited by
     /// then are heard, however late this process is, and a flood of others puts nothing off.
     async fn next_frame(&self, is_read: bool, due: Option<Instant>, late: usize) -> Woken {
-        if late > self.queue {
+        if late > self.queue && due.is_some_and(|due| due <= luna::now()) {
             return Woken::Over;
         }
         let reader = is_read.then_some(&self.events);

@@ -109,10 +109,10 @@ fn wait_until(
 ) -> bool {
     let mut state = shared.lock();
     while !is_so(&state) {
-        let limit = state.limit;
+        let (limit, gives_up) = (state.limit, state.gives_up);
         let left = limit.map_or(Duration::from_secs(3600), |limit| {
             let deadline = deadline(limit, asked_to_end);
-            let until = state.gives_up.map_or(deadline, |at| at.min(deadline));
+            let until = gives_up.map_or(deadline, |at| at.min(deadline));
             until.saturating_duration_since(Instant::now())
         });
         if left.is_zero() {
@@ -121,8 +121,8 @@ fn wait_until(
             return false;
         }
         // A limit may have been set meanwhile.
-        state =
-            shared.wait_while_within(state, left, |state| !is_so(state) && state.limit == limit);
+        let is_as_before = |state: &State| (state.limit, state.gives_up) == (limit, gives_up);
+        state = shared.wait_while_within(state, left, |state| !is_so(state) && is_as_before(state));
     }
     true
 }

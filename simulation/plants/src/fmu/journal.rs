@@ -51,12 +51,11 @@ impl Journal {
             return;
         }
         let mut said = self.said();
-        if said.len() + text.len() < LONGEST {
-            if !said.is_empty() {
-                said.push_str("; ");
-            }
-            said.push_str(text);
+        if !said.is_empty() && said.len() + 2 < LONGEST {
+            said.push_str("; ");
         }
+        let room = LONGEST.saturating_sub(said.len());
+        said.push_str(&text[..text.floor_char_boundary(room)]);
     }
 }
 
