@@ -242,7 +242,8 @@ impl<W: Write> Report<'_, W> {
                 writeln!(
                     self.out,
                     "unknown: after {after} the model may be in too many states, or the times leave \
-                     too many orders open; raise --max-states, or model less that is not recorded"
+                     too many orders open; raise --max-states, free memory, or model less that is not \
+                     recorded"
                 )?;
                 Ok(UNKNOWN)
             }

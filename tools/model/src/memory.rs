@@ -18,7 +18,12 @@ static RESERVED: AtomicU64 = AtomicU64::new(0);
 #[must_use]
 pub fn default_memory() -> u64 {
     let free = free(Path::new("/")).unwrap_or(UNKNOWN);
-    free.saturating_sub(RESERVED.load(Ordering::Relaxed)) / 2
+    half_of(free, RESERVED.load(Ordering::Relaxed))
+}
+
+/// What one exploration may take, where others may take `reserved` bytes of what is free.
+fn half_of(free: u64, reserved: u64) -> u64 {
+    free.saturating_sub(reserved) / 2
 }
 
 /// Memory that an exploration may take, while it runs.
@@ -160,11 +165,15 @@ mod tests {
         assert_eq!(free(root(&files).path()), Some(6000));
     }
 
+    /// Without a large reservation of its own, which explorations of other tests would count.
     #[test]
     fn what_runs_counts_as_taken() {
-        let before = default_memory();
-        let _runs = Reserved::new(u64::MAX / 2);
-        assert_eq!(default_memory(), 0);
-        assert!(before > 0);
+        assert_eq!(half_of(1000, 0), 500);
+        assert_eq!(half_of(1000, 600), 200);
+        assert_eq!(half_of(1000, 2000), 0);
+        let runs = Reserved::new(4096);
+        assert!(RESERVED.load(Ordering::Relaxed) >= 4096);
+        drop(runs);
+        assert!(default_memory() > 0);
     }
 }
