@@ -179,7 +179,7 @@ impl SelectState {
     ) -> Option<InsideGuard<'_, ()>> {
         // SAFETY: the calling thread does not hold the commit lock, as is demanded here: all that
         // the lock demands.
-        unsafe { self.commit_lock.try_enter(turn) }
+        self.commit_lock.enter_in(turn.here())
     }
 
     /// As [`commit_lock_if_biased`](Self::commit_lock_if_biased), with the reason of a refusal.

@@ -12,7 +12,7 @@ use crate::waiter::Waiter;
 use core::hint::black_box;
 use core::ptr::NonNull;
 use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
-use luna_core::current::{PlainTurn, User};
+use luna_core::current::{Here, PlainTurn, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 
@@ -43,6 +43,11 @@ pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
         User::Outside => 0,
     }
 }
+
+/// The lists, under their lock, in whichever way it is held.
+pub(crate) trait Lists: core::ops::DerefMut<Target = WaitQueues> {}
+impl Lists for BiasedGuard<'_, WaitQueues> {}
+impl Lists for InsideGuard<'_, WaitQueues> {}
 
 /// Where processes meet. It must lie at the beginning of a cache line, so that a rendezvous writes
 /// one line only.
@@ -126,6 +131,20 @@ impl WaitPoint {
         lists
     }
 
+    /// As [`lock`](Self::lock), where no operation ever waits alone: not of a channel.
+    #[inline(always)]
+    pub(crate) fn lock_in(&self, here: Here<'_>) -> BiasedGuard<'_, WaitQueues> {
+        let lists = self.lock.lock_in(here);
+        debug_assert!(lists.waiting == Waiting::QUEUES);
+        lists
+    }
+
+    /// As [`lock_in`](Self::lock_in), if the lock is biased to this thread's executor.
+    #[inline(always)]
+    pub(crate) fn enter_in(&self, here: Here<'_>) -> Option<InsideGuard<'_, WaitQueues>> {
+        self.lock.enter_in(here)
+    }
+
     /// Locks, and lists the operation that waits on a hand-off slot: from there on all is as if
     /// there were no hand-off slots.
     #[inline]
@@ -198,28 +217,6 @@ impl WaitPoint {
         // Not to be seen through: a known result would be set after a call, which then is no tail
         // call.
         black_box(result)
-    }
-
-    /// As [`enter`](Self::enter), whatever refuses it.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold this lock.
-    #[inline(always)]
-    pub(crate) unsafe fn try_enter(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Option<InsideGuard<'_, WaitQueues>> {
-        // SAFETY: the calling thread does not hold this lock, as is demanded here: all that the
-        // lock demands.
-        unsafe { self.lock.try_enter(turn) }
-    }
-
-    /// As [`enter`](Self::enter), if this thread does not hold the lock already: see
-    /// [`BiasedLock::enter_if_free`].
-    #[inline(always)]
-    pub(crate) fn enter_if_free(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, WaitQueues>> {
-        self.lock.enter_if_free(turn)
     }
 
     /// The guard that was kept: see [`BiasedLock::kept`].

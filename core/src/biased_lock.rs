@@ -44,12 +44,12 @@ mod guards;
 
 pub use guards::{BiasedGuard, InsideGuard, Refused};
 
-use crate::current::{self, PlainTurn};
+use crate::current::{self, Here, PlainTurn};
 use core::marker::PhantomData;
 use guards::Held;
 use luna_platform::fence;
 use luna_platform::inside::Inside;
-use luna_platform::lock::{PiGuard, PiLock};
+use luna_platform::lock::PiLock;
 use luna_platform::on_drop::OnDrop;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
@@ -191,30 +191,54 @@ impl<T> BiasedLock<T> {
     /// Locks. Waits while another thread holds it.
     #[inline]
     pub fn lock(&self) -> BiasedGuard<'_, T> {
-        self.lock_as(current::executor_number())
+        self.lock_in(Here::now())
     }
 
-    /// Locks if the lock is biased to the executor with this number, without any atomic
-    /// read-modify-write.
-    ///
+    /// Locks, in whichever way the calling thread can: as the owner of the bias by plain stores.
+    #[inline(always)]
+    pub fn lock_in(&self, here: Here<'_>) -> BiasedGuard<'_, T> {
+        self.guard(match self.enter_in(here) {
+            Some(inside) => inside.held(),
+            // SAFETY: as in `enter_in`.
+            None => unsafe { self.hold_as(here.executor_number(), here.thread_id()) },
+        })
+    }
+
+    /// Locks, if the lock is biased to the executor of this thread, which is not inside already:
+    /// without any atomic read-modify-write.
+    #[inline(always)]
+    pub fn enter_in(&self, here: Here<'_>) -> Option<InsideGuard<'_, T>> {
+        // SAFETY: both are those of the calling thread.
+        unsafe { self.enter_as(here.executor_number(), here.thread_id()) }
+    }
+
     /// # Safety
     ///
-    /// The calling thread is that of the executor, or the number is 0.
+    /// The calling thread has this id, and is that of the executor with the number `me`; or the
+    /// number is 0, to which no lock is biased.
     #[inline(always)]
-    unsafe fn lock_if_biased_to(&self, executor: u64) -> Option<InsideGuard<'_, T>> {
+    unsafe fn enter_as(&self, me: u64, thread_id: u32) -> Option<InsideGuard<'_, T>> {
         // Acquire, here and below: pairs with the store that restores the bias, so that the owner
         // sees what was done during a brief revocation.
-        if self.bias.load(Ordering::Acquire) != executor {
+        if self.bias.load(Ordering::Acquire) != me || self.inside.is_entered() {
             return None;
         }
-        self.inside.enter();
+        // SAFETY: it is the id of the calling thread, which is not inside: only the thread of the
+        // executor that owns the bias could be, and it would have been seen.
+        unsafe { self.inside.enter_unchecked(thread_id) };
         fence::light();
-        if self.bias.load(Ordering::Acquire) == executor {
-            return Some(self.inside_guard(executor));
+        if self.bias.load(Ordering::Acquire) == me {
+            return Some(self.inside_guard(me));
         }
+        self.leave_at_once();
+        None
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn leave_at_once(&self) {
         self.inside.leave();
         self.inside.leave_revoked();
-        None
     }
 
     /// Locks if the lock is biased to the executor of this turn, without any atomic
@@ -226,29 +250,13 @@ impl<T> BiasedLock<T> {
     /// The calling thread does not hold the lock.
     #[inline(always)]
     pub unsafe fn enter_trusted(&self, turn: PlainTurn<'_>) -> Result<InsideGuard<'_, T>, Refused> {
-        if self.bias.load(Ordering::Acquire) != turn.executor_number() {
+        let executor = self.bias.load(Ordering::Acquire);
+        if executor != turn.executor_number() {
             return Err(Refused::NotBiased);
         }
-        // SAFETY: the caller promises that this thread does not hold the lock, which was just seen
-        // biased to the executor of this turn.
-        unsafe { self.enter_if_still_biased(turn) }
-    }
-
-    /// The rest of [`enter_trusted`](Self::enter_trusted), for a lock that was just seen biased to
-    /// the executor of this turn.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold the lock, and has seen it biased to the executor of this
-    /// turn: any other thread would overwrite the mark of the owner that is inside.
-    #[inline(always)]
-    unsafe fn enter_if_still_biased(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Result<InsideGuard<'_, T>, Refused> {
-        let executor = turn.executor_number();
         // SAFETY: a turn is that of the calling thread, and so is its thread id. The caller
-        // promises that the thread does not hold this lock, so it is not inside.
+        // promises that the thread does not hold this lock, so it is not inside. Only the owner of
+        // the bias gets here: any other thread would overwrite the mark of the owner.
         unsafe { self.inside.enter_unchecked(turn.thread_id()) };
         fence::light();
         if self.bias.load(Ordering::Acquire) == executor {
@@ -263,44 +271,6 @@ impl<T> BiasedLock<T> {
     #[inline(never)]
     pub fn after_revocation(&self) {
         self.inside.leave_revoked();
-    }
-
-    /// As [`enter_trusted`](Self::enter_trusted), whatever refuses it.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold the lock.
-    #[inline(always)]
-    pub unsafe fn try_enter(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
-        // SAFETY: the caller promises that this thread does not hold the lock, as `enter_trusted`
-        // requires.
-        let entered = unsafe { self.enter_trusted(turn) };
-        self.or_after_revocation(entered)
-    }
-
-    #[inline(always)]
-    fn or_after_revocation<'a>(
-        &self,
-        entered: Result<InsideGuard<'a, T>, Refused>,
-    ) -> Option<InsideGuard<'a, T>> {
-        if let Err(Refused::Revoked) = entered {
-            self.after_revocation();
-        }
-        entered.ok()
-    }
-
-    /// As [`try_enter`](Self::try_enter), for callers that take several such locks at once, two of
-    /// which may be the same: `None` also if this thread holds the lock already.
-    #[inline(always)]
-    pub fn enter_if_free(&self, turn: PlainTurn<'_>) -> Option<InsideGuard<'_, T>> {
-        let is_biased = self.bias.load(Ordering::Acquire) == turn.executor_number();
-        if !is_biased || self.inside.is_entered() {
-            return None;
-        }
-        // SAFETY: the lock was seen biased to this turn's executor, so this thread alone could be
-        // inside, and it is not.
-        let entered = unsafe { self.enter_if_still_biased(turn) };
-        self.or_after_revocation(entered)
     }
 
     /// The guard that was [kept](InsideGuard::keep).
@@ -342,19 +312,16 @@ impl<T> BiasedLock<T> {
     pub fn lock_briefly(&self) -> BiasedGuard<'_, T> {
         let me = current::executor_number();
         if self.bias.load(Ordering::Relaxed) == me {
-            return self.lock_as(me);
+            return self.lock();
         }
         self.inside.assert_not_here();
         let uses = self.shared.lock();
         let executor = self.bias.load(Ordering::Relaxed);
         if executor == NO_EXECUTOR {
-            return self.guard(Held::Shared(uses));
+            return self.guard(Held::shared(uses));
         }
         self.revoke_bias();
-        self.guard(Held::Revoked {
-            _uses: uses,
-            executor,
-        })
+        self.guard(Held::revoked(uses, executor))
     }
 
     /// Whether this is the value that it guards.
@@ -375,23 +342,20 @@ impl<T> BiasedLock<T> {
         self.value.with_mut(|value| f(unsafe { &mut *value }))
     }
 
-    /// Locks on the thread of executor `me`; 0 if the thread is none.
-    #[inline(always)]
+    /// Locks as on the thread of executor `me`.
+    #[cfg(all(test, loom))]
     fn lock_as(&self, me: u64) -> BiasedGuard<'_, T> {
-        loop {
-            // SAFETY: each caller passes the executor of the calling thread, or 0, to which no lock
-            // is biased.
-            if let Some(inside) = unsafe { self.lock_if_biased_to(me) } {
-                core::mem::forget(inside);
-                return self.guard(Held::Inside(me));
+        let thread_id = Inside::id_of_this_thread();
+        // SAFETY: the models' threads each pass an executor of their own, or 0.
+        self.guard(unsafe {
+            match self.enter_as(me, thread_id) {
+                Some(inside) => inside.held(),
+                None => self.hold_as(me, thread_id),
             }
-            if let Some(uses) = self.lock_shared(me) {
-                return self.guard(Held::Shared(uses));
-            }
-        }
+        })
     }
 
-    #[inline]
+    #[inline(always)]
     fn guard<'a>(&'a self, held: Held<'a>) -> BiasedGuard<'a, T> {
         BiasedGuard {
             lock: self,
@@ -400,24 +364,35 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// Locks in shared mode. `None`: the bias to `me`, which was revoked briefly, has been restored
+    /// Locks in shared mode, or inside, if the bias to `me` was revoked briefly and has been restored
     /// meanwhile.
+    ///
+    /// # Safety
+    ///
+    /// As for [`enter_as`](Self::enter_as).
     #[inline(never)]
-    fn lock_shared(&self, me: u64) -> Option<PiGuard<'_, Uses>> {
-        // A thread that revokes the bias holds `shared` and waits for the critical section of this
-        // thread: blocking on `shared` inside it would deadlock.
-        self.inside.assert_not_here();
-        let mut uses = self.shared.lock();
-        let bias = self.bias.load(Ordering::Relaxed);
-        if bias == NO_EXECUTOR {
-            uses.count(me);
-        } else if bias == me {
-            return None;
-        } else {
-            self.revoke_bias();
-            uses.is_shared_for_good = true;
+    unsafe fn hold_as(&self, me: u64, thread_id: u32) -> Held<'_> {
+        loop {
+            // A thread that revokes the bias holds `shared` and waits for the critical section of
+            // this thread: blocking on `shared` inside it would deadlock.
+            self.inside.assert_not_here();
+            let mut uses = self.shared.lock();
+            let bias = self.bias.load(Ordering::Relaxed);
+            if bias == NO_EXECUTOR {
+                uses.count(me);
+            } else if bias != me {
+                self.revoke_bias();
+                uses.is_shared_for_good = true;
+            } else {
+                drop(uses);
+                // SAFETY: as is demanded here.
+                match unsafe { self.enter_as(me, thread_id) } {
+                    Some(inside) => return inside.held(),
+                    None => continue,
+                }
+            }
+            return Held::shared(uses);
         }
-        Some(uses)
     }
 
     /// Ends the critical section of the executor with the number `executor`.

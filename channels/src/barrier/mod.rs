@@ -4,8 +4,8 @@
 //! all waiting parties to the list of those to release, both in O(1). Then it releases them one by
 //! one, each in a critical section of its own: the most urgent first, then those that offered the
 //! barrier in alternatives. A party that is polled before its turn sees by the round's number that
-//! it may go, and takes itself off. Among parties of one executor the same is done by plain stores,
-//! and the parties are released in sections of a bounded number: see `fast_path`.
+//! it may go, and takes itself off. Parties of this very executor are woken under the lock, by
+//! stores to its run queue, so a bounded number of them is released in one section.
 //!
 //! An alternative that offers the barrier is a party that may change its mind. The last party
 //! therefore takes the commit locks of all such parties, in the order of the addresses of their
@@ -16,7 +16,6 @@
 //! "Alting Barriers: synchronisation with choice in Java using JCSP", 2010. Here unrelated barriers
 //! do not meet.)
 
-mod fast_path;
 mod party;
 mod sync;
 
@@ -28,10 +27,13 @@ use crate::guarded_wait_point::GuardedWaitPoint;
 use crate::inspect::WaitPointKind;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use crate::wait_point::WaitQueues;
+use crate::wait_point::{Lists, WaitQueues};
 use crate::waiter::Waiter;
-use luna_core::current::{self, User};
+use luna_core::current::{self, Here, PendingWake, User};
 use luna_core::deferred_free::Shared;
+
+/// The most parties that are released in one critical section.
+const TOGETHER: usize = 16;
 
 /// How far a barrier is. Guarded by its lock.
 #[derive(Debug)]
@@ -223,6 +225,14 @@ impl Meeting {
         }
     }
 
+    /// Whether another party than the one that comes now is missing.
+    #[inline(always)]
+    fn is_missing_more(&self, lists: &mut WaitQueues) -> bool {
+        self.state(lists, |round, _| {
+            round.arrived + round.offering + 1 < round.parties
+        })
+    }
+
     /// Completes the round if enough have come together with `more` unlisted parties. The waiting
     /// parties are then to be [released](Self::release), without the lock. O(parties that are
     /// alternatives). `lists` are those of this barrier.
@@ -309,20 +319,45 @@ impl Meeting {
         }
     }
 
-    /// Releases the members of completed rounds. O(their number), in critical sections of O(1).
-    fn release(&self) {
-        loop {
-            let mut lists = self.lock();
-            let Some(node) = lists.held.pop() else {
-                return;
-            };
-            // SAFETY: it was in the list, so it is a live waiter, and the lock is held.
-            let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
-            drop(lists);
-            // A wake may panic: the remaining wakes must still be done.
-            let rest = Finally::new(|| self.release());
-            ready.wake();
-            rest.cancel();
+    /// Releases members of completed rounds, and unlocks: those of this executor under the lock, up
+    /// to a bounded number, and another one without. `false`: there are no more. O(1).
+    #[inline(always)]
+    fn release_some(&self, mut lists: impl Lists, here: Here<'_>) -> bool {
+        let mut left = TOGETHER;
+        // SAFETY: the lock is held, so what is in the list is a live waiter that waits. It is
+        // settled after it was taken off, and not touched then.
+        unsafe {
+            while left > 0
+                && let Some(first) = lists.held.first()
+                && Waiter::wake_here(first.cast::<Waiter<()>>(), here)
+            {
+                lists.held.remove_first(first);
+                Waiter::settle_plain(first.cast::<Waiter<()>>());
+                left -= 1;
+            }
         }
+        let Some(node) = lists.held.pop() else {
+            return false;
+        };
+        // SAFETY: it was in the list, so it is a live waiter, and the lock is held.
+        let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
+        drop(lists);
+        self.wake(ready);
+        true
+    }
+
+    #[inline(never)]
+    fn wake(&self, ready: PendingWake) {
+        // A wake may panic: the remaining wakes must still be done.
+        let rest = Finally::new(|| self.release());
+        ready.wake();
+        rest.cancel();
+    }
+
+    /// Releases all members of completed rounds. O(their number), in critical sections of O(1).
+    #[inline(never)]
+    fn release(&self) {
+        let here = Here::now();
+        while self.release_some(self.lock_in(here), here) {}
     }
 }

@@ -1,19 +1,18 @@
 //! A party's coming to a barrier.
 
-use super::fast_path::Arrival;
 use super::{Barrier, Meeting};
 use crate::alternative::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::in_place::InPlace;
 use crate::select_state::SelectState;
-use crate::wait_point::WaitQueues;
-use crate::waiter::{Outcome, Waiter};
+use crate::wait_point::{Lists, WaitQueues};
+use crate::waiter::{Outcome, Waiter, Waits};
 use core::cell::UnsafeCell;
 use core::future::Future;
 use core::marker::PhantomPinned;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::current::{self, PendingWake, PlainTurn, Renewal, WakeHandle};
+use luna_core::current::{self, PendingWake, Renewal, Turn};
 use luna_platform::sync::atomic::Ordering;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,18 +25,6 @@ enum Phase {
     /// All have come; the process lets others run before it continues.
     GaveWay,
     Over,
-}
-
-/// What one [look](SyncOp::look) at the barrier has led to. Its caller carries it out once its own
-/// state is changed, since all of it may run user code.
-#[must_use]
-enum Came {
-    /// The round is not complete.
-    Waits,
-    /// This party has completed the round, and the others are to be [released](Meeting::release).
-    Completes,
-    /// The round is complete. The wake handle is not needed any more.
-    IsOver(Option<WakeHandle>),
 }
 
 /// Coming to a barrier: see [`Barrier::sync`].
@@ -89,119 +76,158 @@ impl<'a> SyncOp<'a> {
         unsafe { Waiter::outcome(self.node()) }
     }
 
-    /// Comes, or looks whether the round is complete, under the barrier's lock. Runs no user code.
-    /// While it waits, the handle of `renewal` is woken; without a handle nothing changes, and the
-    /// renewal calls this again.
-    ///
-    /// # Safety
-    ///
-    /// It is pinned, new or listed, and in no alternative unless that has chosen it.
-    unsafe fn look(&mut self, renewal: &mut Renewal<'_, '_>) -> Came {
+    /// Comes: completes the round, or waits.
+    #[inline(never)]
+    fn come(&mut self, turn: Turn<'_>) -> Poll<()> {
         let meeting = self.meeting();
-        let is_new = self.phase == Phase::New;
-        let mut lists = meeting.lock();
-        // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned, as is
-        // demanded here, and its drop takes it off. Under the lock a listed node may be changed,
-        // and the round's number determines its list.
-        unsafe {
-            if is_new {
-                if meeting.complete_with(&mut lists, 1) {
-                    self.phase = Phase::Over;
-                    return Came::Completes;
-                }
-                if let Some(wake_handle) = renewal.take() {
-                    let number = meeting.state(&mut lists, |round, _| {
-                        round.arrived += 1;
-                        round.number
-                    });
-                    Waiter::begin(self.node(), false, None, None);
-                    (*Waiter::link(self.node())).ticket = number;
-                    lists
-                        .senders
-                        .insert(self.node().cast(), current::priority(), wake_handle);
-                    self.phase = Phase::Listed;
-                }
-                return Came::Waits;
-            }
-            let node = Waiter::link(self.node());
-            if self.outcome() == Outcome::Done {
-                self.phase = Phase::Over;
-                return Came::IsOver(None);
-            }
-            if meeting.state(&mut lists, |round, _| round.number) == (*node).ticket {
-                renewal.store(Waiter::change_wake_handle(self.node()));
-                return Came::Waits;
-            }
-            lists.held.remove(self.node().cast());
-            (*node)
-                .outcome
-                .store(Outcome::Done as u8, Ordering::Relaxed);
-            self.phase = Phase::Over;
-            Came::IsOver((*node).wait.wake_handle_mut().take())
+        if let Some(plain) = turn.plain()
+            && let Some(lists) = meeting.enter_in(turn.here())
+        {
+            return self.come_under(meeting, lists, plain, turn);
+        }
+        self.come_otherwise(turn)
+    }
+
+    /// Comes in a turn that is not plain, or where the lock is not biased to its executor.
+    #[cold]
+    #[inline(never)]
+    fn come_otherwise(&mut self, turn: Turn<'_>) -> Poll<()> {
+        let (meeting, here) = (self.meeting(), turn.here());
+        if turn.branch_failed() {
+            return self.end_branch(turn);
+        }
+        meeting.note_user();
+        let handle = turn.wake_handle();
+        self.come_under(meeting, meeting.lock_in(here), (here, handle), turn)
+    }
+
+    /// Comes under the lock of its barrier, in whichever way it is held.
+    #[inline(always)]
+    fn come_under(
+        &mut self,
+        meeting: &Meeting,
+        mut lists: impl Lists,
+        waits: impl Waits,
+        turn: Turn<'_>,
+    ) -> Poll<()> {
+        match meeting.is_missing_more(&mut lists) {
+            true => self.wait(meeting, lists, waits),
+            false => self.come_last(meeting, lists, waits, turn),
         }
     }
 
-    /// Comes to the barrier, or looks whether the round is complete.
-    fn poll_round(&mut self, cx: &Context<'_>) -> Poll<()> {
+    /// All others have come, or offer to. A function of its own, so that no register is saved for
+    /// it where the party waits.
+    #[inline(never)]
+    fn come_last(
+        &mut self,
+        meeting: &Meeting,
+        mut lists: impl Lists,
+        waits: impl Waits,
+        turn: Turn<'_>,
+    ) -> Poll<()> {
+        if !meeting.complete_with(&mut lists, 1) {
+            return self.wait(meeting, lists, waits);
+        }
+        self.phase = Phase::Over;
+        if meeting.release_some(lists, turn.here()) {
+            meeting.release();
+        }
+        self.let_others_run(turn)
+    }
+
+    #[inline(always)]
+    fn wait(&mut self, meeting: &Meeting, mut lists: impl Lists, waits: impl Waits) -> Poll<()> {
+        let number = meeting.state(&mut lists, |round, _| {
+            round.arrived += 1;
+            round.number
+        });
+        // SAFETY: the lists are the barrier's, and the lock is held. A new node is in none of them,
+        // is pinned, as its callers are, and its drop takes it off.
+        unsafe {
+            Waiter::begin_for(self.node(), waits, number);
+            lists.senders.insert_again(self.node().cast());
+        }
+        self.phase = Phase::Listed;
+        drop(lists);
+        meeting.waits();
+        Poll::Pending
+    }
+
+    /// Looks whether the round is complete: it is listed, and was polled again.
+    #[cold]
+    fn look_again(&mut self, cx: &Context<'_>) -> Poll<()> {
+        let meeting = self.meeting();
         let mut renewal = Renewal::of(cx);
-        // SAFETY: its callers are polled pinned, in these phases.
-        match renewal.put(|renewal| unsafe { self.look(renewal) }) {
-            Came::Waits => {
-                self.meeting().waits();
+        let polled = renewal.put(|renewal| {
+            let mut lists = meeting.lock();
+            // SAFETY: the lists are the barrier's. Under the lock a listed node may be changed, and
+            // the round's number determines its list.
+            unsafe {
+                let node = Waiter::link(self.node());
+                if self.outcome() == Outcome::Done {
+                    return Poll::Ready(None);
+                }
+                if meeting.state(&mut lists, |round, _| round.number) == (*node).ticket {
+                    renewal.store((*node).wait.wake_handle_mut());
+                    return Poll::Pending;
+                }
+                lists.held.remove(self.node().cast());
+                (*node)
+                    .outcome
+                    .store(Outcome::Done as u8, Ordering::Relaxed);
+                Poll::Ready((*node).wait.wake_handle_mut().take())
+            }
+        });
+        match polled {
+            Poll::Pending => {
+                meeting.waits();
                 Poll::Pending
             }
-            Came::Completes => {
-                self.meeting().release();
-                self.let_others_run(cx)
+            // The former handle is dropped at the end: that may run user code.
+            Poll::Ready(_former) => {
+                self.phase = Phase::Over;
+                Poll::Ready(())
             }
-            Came::IsOver(_former) => Poll::Ready(()),
         }
     }
 
     /// It has completed the round, and released the others.
-    fn let_others_run(&mut self, cx: &Context<'_>) -> Poll<()> {
-        if crate::yield_after_operation(cx) {
+    #[inline(always)]
+    fn let_others_run(&mut self, turn: Turn<'_>) -> Poll<()> {
+        if turn.yields_after_operation() {
             self.phase = Phase::GaveWay;
             return Poll::Pending;
         }
         Poll::Ready(())
     }
 
-    /// Handles all that did not simply end on the fast path.
+    /// Polls one that has come, and is not known to be done.
+    #[cold]
     #[inline(never)]
-    fn poll_away(&mut self, arrival: Arrival, cx: &Context<'_>) -> Poll<()> {
-        match arrival {
-            Arrival::GaveWay => {
-                self.phase = Phase::GaveWay;
-                return Poll::Pending;
-            }
-            Arrival::Completes => {
-                self.phase = Phase::Over;
-                self.meeting().release();
-                return self.let_others_run(cx);
-            }
-            _ => {}
-        }
+    fn poll_again(&mut self, turn: Turn<'_>) -> Poll<()> {
         match self.phase {
-            Phase::New | Phase::Listed if current::branch_failed() => {
-                // The missing parties may never come, and there is no error to return.
-                let has_come = self.leave();
-                self.phase = if has_come { Phase::Over } else { Phase::New };
-                if has_come {
-                    return Poll::Ready(());
-                }
-                current::end_branch(cx);
-                return Poll::Pending;
-            }
-            Phase::New => self.meeting().note_user(),
-            Phase::Listed => {}
+            Phase::New | Phase::Listed if turn.branch_failed() => self.end_branch(turn),
+            Phase::New => self.come(turn),
+            Phase::Listed => self.look_again(&turn.context()),
             Phase::GaveWay => {
                 self.phase = Phase::Over;
-                return Poll::Ready(());
+                Poll::Ready(())
             }
             Phase::Completed | Phase::Over => panic!("a sync was polled after it was over"),
         }
-        self.poll_round(cx)
+    }
+
+    /// The missing parties may never come, and there is no error to return.
+    #[cold]
+    fn end_branch(&mut self, turn: Turn<'_>) -> Poll<()> {
+        if self.leave() {
+            self.phase = Phase::Over;
+            return Poll::Ready(());
+        }
+        self.phase = Phase::New;
+        current::end_branch(&turn.context());
+        Poll::Pending
     }
 
     /// Its future goes before it has seen the end of the round.
@@ -269,33 +295,14 @@ impl Future for SyncOp<'_> {
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         let this = self.in_place();
-        let mut arrival = Arrival::SlowPath;
         match this.phase {
-            Phase::New => {
-                if let Some(turn) = PlainTurn::of(cx) {
-                    // SAFETY: a new node is known to its future alone, which is pinned; its drop
-                    // takes the node off.
-                    arrival = unsafe { this.barrier.come_fast(this.node(), turn) };
-                }
-                match arrival {
-                    Arrival::Waits => {
-                        this.phase = Phase::Listed;
-                        return Poll::Pending;
-                    }
-                    Arrival::Done => {
-                        this.phase = Phase::Over;
-                        return Poll::Ready(());
-                    }
-                    _ => {}
-                }
-            }
+            Phase::New => this.come(Turn::of(cx)),
             Phase::Listed if this.outcome() == Outcome::Done => {
                 this.phase = Phase::Over;
-                return Poll::Ready(());
+                Poll::Ready(())
             }
-            _ => {}
+            _ => this.poll_again(Turn::of(cx)),
         }
-        this.poll_away(arrival, cx)
     }
 }
 
@@ -380,7 +387,7 @@ unsafe impl RawGuard for SyncOp<'_> {
                 this.meeting().release();
                 Poll::Ready(())
             }
-            Phase::Listed if this.outcome() != Outcome::Done => this.poll_round(cx),
+            Phase::Listed if this.outcome() != Outcome::Done => this.look_again(cx),
             _ => Poll::Ready(()),
         }
     }

@@ -75,7 +75,7 @@ impl<T> Channel<T> {
     ) -> Option<(T, PlainPendingWake)> {
         // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
         // closure of a `send_with` runs under one, but it has no plain turn.
-        let mut lists = unsafe { self.wait_point.try_enter(turn) }?;
+        let mut lists = self.wait_point.enter_in(turn.here())?;
         if !lists.is_plain_but_registered() || lists.is_storing || !still() {
             return None;
         }

@@ -11,8 +11,7 @@ use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::biased_lock::Refused;
-use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal, User, WakeHandle};
+use luna_core::current::{self, Here, Inheritor, Priority, Renewal, User, WakeHandle};
 use luna_core::deferred_free::Shared;
 
 /// The free permits, and the holder's inheritor.
@@ -48,8 +47,9 @@ impl Core {
     }
 
     /// Remembers that a user of a semaphore is outside of the system.
-    pub(super) fn note_user(&self) {
-        if !self.has_owner() && current::user() == User::Outside {
+    #[inline(always)]
+    pub(super) fn note_user(&self, here: Here<'_>) {
+        if !self.has_owner() && here.user() == User::Outside {
             self.identity.set_external();
         }
     }
@@ -68,65 +68,43 @@ impl Core {
         self.state(&mut lists, |state, _| state.permits)
     }
 
-    /// Locks a mutex for the current process, if it is free, its wait point's lock is biased to
-    /// this executor, and no other process is to run first. `false`: it is not so, and no state has
-    /// changed. O(1), without atomic read-modify-writes.
-    #[inline(never)]
-    pub(super) fn lock_fast(&self, turn: PlainTurn<'_>) -> bool {
-        // SAFETY: no user code runs under this lock, so nothing polls while this thread holds it.
-        let mut lists = match unsafe { self.enter(turn) } {
-            Ok(lists) => lists,
-            Err(Refused::NotBiased) => return false,
-            Err(Refused::Revoked) => return self.revoked(false),
-        };
-        let is_taken = self.state(&mut lists, |state, _| {
-            let is_taken = state.permits != 0 && turn.goes_on();
-            if is_taken {
-                state.permits = 0;
-                state.inheritor = Inheritor::of_plain_turn(turn);
-            }
-            is_taken
-        });
-        if is_taken {
-            lists.receiver = LastUser::process(turn.process().id());
-        }
-        is_taken
-    }
-
-    /// Takes permits for the caller, if they are free and no waiter is as urgent; else gives the
-    /// inheritor back.
+    /// Takes permits for the caller, if they are free and no waiter is as urgent. `holder` gives the
+    /// inheritor of the holder then, under the lock.
+    #[inline(always)]
     pub(super) fn take(
         &self,
+        here: Here<'_>,
         count: u32,
-        inheritor: Option<Inheritor>,
-    ) -> Result<(), Option<Inheritor>> {
-        let priority = current::priority();
-        let mut lists = self.lock();
-        self.take_locked(&mut lists, count, priority, inheritor)
+        holder: impl FnOnce() -> Option<Inheritor>,
+    ) -> bool {
+        let mut lists = self.lock_in(here);
+        self.take_locked(&mut lists, here, count, || here.priority(), holder)
     }
 
-    fn take_locked(
+    #[inline(always)]
+    pub(super) fn take_locked(
         &self,
         lists: &mut WaitQueues,
+        here: Here<'_>,
         count: u32,
-        priority: Priority,
-        inheritor: Option<Inheritor>,
-    ) -> Result<(), Option<Inheritor>> {
+        priority: impl FnOnce() -> Priority,
+        holder: impl FnOnce() -> Option<Inheritor>,
+    ) -> bool {
         let first = lists.senders.first();
         // SAFETY: a listed node is live, and the lock is held.
-        let is_first = first.is_none_or(|first| priority > unsafe { first.as_ref() }.priority());
-        self.state(lists, |state, _| {
-            match state.permits.checked_sub(u64::from(count)) {
-                Some(left) if is_first => {
-                    state.permits = left;
-                    state.inheritor = inheritor;
-                    Ok(())
-                }
-                _ => Err(inheritor),
-            }
-        })?;
-        lists.receiver = LastUser::of(current::user());
-        Ok(())
+        let is_first = first.is_none_or(|first| priority() > unsafe { first.as_ref() }.priority());
+        let is_taken = is_first
+            && self.state(lists, |state, _| {
+                let left = state.permits.checked_sub(u64::from(count));
+                state.permits = left.unwrap_or(state.permits);
+                left.is_some()
+            });
+        if is_taken {
+            let holder = holder();
+            self.state(lists, |state, _| state.inheritor = holder);
+            lists.receiver = LastUser::of(here.user());
+        }
+        is_taken
     }
 
     /// Takes permits of a semaphore in a replay, where the recorded process got some. The process
@@ -142,8 +120,12 @@ impl Core {
 
     /// Takes permits, if that can be done at once.
     pub(super) fn try_take(&self, count: u32) -> bool {
-        self.note_user();
-        let take = || self.take(count, self.inheritor(true)).is_ok();
+        let here = Here::now();
+        self.note_user(here);
+        let take = || {
+            let mut inheritor = self.inheritor(true);
+            self.take(here, count, || inheritor.take())
+        };
         if !current::has_replay_log() {
             return take();
         }
@@ -172,17 +154,18 @@ impl Core {
     pub(super) unsafe fn take_or_list(
         this: &Shared<Core>,
         entry: NonNull<Entry>,
+        here: Here<'_>,
         count: u32,
         (priority, mut inheritor): (Priority, Option<Inheritor>),
         renewal: &mut Renewal<'_, '_>,
     ) -> Poll<()> {
         let mut changed = None;
         let listed = renewal.put(|renewal| {
-            let mut lists = this.lock();
-            inheritor = match this.take_locked(&mut lists, count, priority, inheritor.take()) {
-                Ok(()) => return Poll::Ready(()),
-                Err(inheritor) => inheritor,
-            };
+            let mut lists = this.lock_in(here);
+            let at = || priority;
+            if this.take_locked(&mut lists, here, count, at, || inheritor.take()) {
+                return Poll::Ready(());
+            }
             let Some(wake_handle) = renewal.take() else {
                 return Poll::Pending;
             };

@@ -4,11 +4,10 @@ use super::chain::{self, Changed};
 use super::core::Core;
 use super::entry::Entry;
 use crate::finally::Finally;
-use crate::wait_point::{LastUser, WaitQueues};
+use crate::wait_point::{LastUser, Lists, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use core::ptr::NonNull;
-use luna_core::biased_lock::BiasedGuard;
-use luna_core::current::{self, PendingWake, PlainTurn};
+use luna_core::current::{Here, Inheritor, PendingWake};
 use luna_core::wait_list::WaitNode;
 
 /// Work that is due after an entry became the holder, or waits to.
@@ -29,48 +28,39 @@ impl Admitted {
 
 impl Core {
     /// Unlocks a mutex: the first waiter holds it from now on.
+    #[inline]
     pub(super) fn unlock(&self) {
-        if current::with_plain_turn(|turn| self.unlock_fast(turn)) != Some(true) {
-            self.give_back(1);
-        }
-    }
-
-    /// As [`unlock`](Self::unlock), if no entry waits and the wait point's lock is biased to this
-    /// executor. `false`: it is not so, and no state has changed. O(1), without atomic
-    /// read-modify-writes.
-    fn unlock_fast(&self, turn: PlainTurn<'_>) -> bool {
-        // SAFETY: no user code runs under this lock, so nothing unlocks while this thread holds it.
-        let Some(mut lists) = (unsafe { self.try_enter(turn) }) else {
-            return false;
-        };
-        if !lists.senders.is_empty() {
-            return false;
-        }
-        let former = self.state(&mut lists, |state, _| {
-            state.permits = 1;
-            state.inheritor.take()
-        });
-        lists.receiver = LastUser::NONE;
-        drop(lists);
-        debug_assert!(
-            former.is_none_or(|mut former| !former.give_back()),
-            "the boost is that of the first waiter, and none waits"
-        );
-        true
+        self.give_back(1);
     }
 
     /// Gives permits back, and serves the waiters.
     #[inline(never)]
     pub(super) fn give_back(&self, count: u32) {
-        let mut lists = self.lock();
+        let here = Here::now();
+        match self.enter_in(here) {
+            Some(lists) => self.give_back_under(lists, here, count),
+            None => self.give_back_under(self.lock_in(here), here, count),
+        }
+    }
+
+    /// As [`give_back`](Self::give_back), under the lock, in whichever way it is held.
+    #[inline(always)]
+    fn give_back_under(&self, mut lists: impl Lists, here: Here<'_>, count: u32) {
         if self.has_owner() {
             lists.receiver = LastUser::NONE;
         }
-        let mut former = self.state(&mut lists, |state, _| {
+        let former = self.state(&mut lists, |state, _| {
             // From below 0, maybe, in a replay.
             state.permits = state.permits.wrapping_add(u64::from(count));
-            state.inheritor.take()
+            Inheritor::end(&mut state.inheritor, here)
         });
+        if former.is_some() || !lists.senders.is_empty() {
+            self.serve_all(lists, former);
+        }
+    }
+
+    #[inline(never)]
+    fn serve_all(&self, lists: impl Lists, mut former: Option<Inheritor>) {
         // After the next holder was woken, also if its waker panics.
         let _end_boost = Finally::new(|| chain::end_boost(former.take()));
         if self.serve_first(lists) {
@@ -94,7 +84,7 @@ impl Core {
 
     /// Serves the first waiter, if there are enough permits. Returns whether there are enough for
     /// the next one.
-    fn serve_first(&self, mut lists: BiasedGuard<'_, WaitQueues>) -> bool {
+    fn serve_first(&self, mut lists: impl Lists) -> bool {
         let Some(node) = self.first_to_serve(&mut lists) else {
             return false;
         };

@@ -36,11 +36,8 @@ impl<'a, T> Future for LockOp<'a, T> {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let mut this = self.project();
-        let taken = match this.take.as_mut().lock_fast(cx) {
-            true => Poll::Ready(Ok(())),
-            false => this.take.poll(cx),
-        };
+        let this = self.project();
+        let taken = this.take.poll(cx);
         // SAFETY: a take that succeeds gives the mutex to its caller.
         taken.map(|taken| unsafe { this.mutex.taken(taken) })
     }
@@ -75,11 +72,8 @@ impl<'a, T> Future for LockTimeout<'a, T> {
     type Output = Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let mut this = self.project();
-        let taken = match this.take.as_mut().lock_fast(cx) {
-            true => Poll::Ready(Ok(())),
-            false => replay::poll_until(this.take, this.sleep, cx),
-        };
+        let this = self.project();
+        let taken = replay::poll_until(this.take, this.sleep, cx);
         // SAFETY: a take that succeeds gives the mutex to its caller.
         taken.map(|taken| unsafe { this.mutex.taken_in_time(taken) })
     }

@@ -183,7 +183,7 @@ impl Semaphore {
     /// assert_eq!(semaphore.available_permits(), 2);
     /// ```
     pub fn add_permits(&self, count: u32) {
-        self.core().note_user();
+        self.core().note_user(luna_core::current::Here::now());
         self.core().give_back(count);
     }
 

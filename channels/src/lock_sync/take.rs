@@ -6,6 +6,7 @@ use super::entry::Entry;
 use super::error::{AcquireError, AcquireTimeoutError};
 use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
+use crate::wait_point::Lists;
 use crate::waiter::Outcome;
 use core::cell::UnsafeCell;
 use core::fmt;
@@ -15,7 +16,7 @@ use core::mem::MaybeUninit;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::current::{self, Inheritor, PlainTurn, Priority, Renewal};
+use luna_core::current::{self, Inheritor, Priority, Renewal};
 use luna_core::deferred_free::Shared;
 use luna_core::replay_log::{Event, Turn};
 
@@ -93,9 +94,26 @@ impl<'a> Take<'a> {
         unsafe { Entry::outcome(self.entry()) == Outcome::Done }
     }
 
+    #[inline(never)]
+    fn poll_otherwise(
+        &mut self,
+        turn: current::Turn<'_>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<(), AcquireError>> {
+        let polled = match turn.has_replay_log() {
+            true => replay::poll(self, cx),
+            false => self.poll_without_log(turn),
+        };
+        if polled.is_ready() {
+            self.end();
+        }
+        polled
+    }
+
     /// Polls until it has its permits, or its branch has failed.
-    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
-        if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
+    fn poll_without_log(&mut self, turn: current::Turn<'_>) -> Poll<Result<(), AcquireError>> {
+        let cx = &turn.context();
+        if turn.branch_failed() && self.phase != Phase::Over && !self.withdraw() {
             if self.phase == Phase::New && crate::fails_later(cx) {
                 self.phase = Phase::GaveWay;
                 return Poll::Pending;
@@ -106,11 +124,17 @@ impl<'a> Take<'a> {
         }
         let polled = match self.phase {
             // Lets others run before it holds what they could wait for.
-            Phase::New if crate::yield_after_operation(cx) => {
+            Phase::New if turn.yields_after_operation() => {
                 self.phase = Phase::GaveWay;
                 return Poll::Pending;
             }
-            Phase::New | Phase::GaveWay => self.poll_new(cx),
+            Phase::New | Phase::GaveWay => {
+                self.core().note_user(turn.here());
+                // Made without the lock.
+                let mut inheritor = self.core().inheritor(self.of_thread);
+                let core = self.core();
+                self.take_under(core, core.lock_in(turn.here()), turn, || inheritor.take())
+            }
             Phase::Listed => self.poll_listed(cx),
             Phase::Keeps => Poll::Ready(()),
             Phase::Over => panic!("a lock or acquire was polled after it was over"),
@@ -118,28 +142,44 @@ impl<'a> Take<'a> {
         polled.map(Ok)
     }
 
-    fn poll_new(&mut self, cx: &Context<'_>) -> Poll<()> {
-        self.core().note_user();
-        // At first as if uncontended: there is no process to wake then, and a thread need not ask
-        // the system for its priority.
-        let inheritor = self.core().inheritor(self.of_thread);
-        match self.core().take(self.count, inheritor) {
-            Ok(()) => {
-                self.phase = Phase::Keeps;
-                Poll::Ready(())
-            }
-            Err(inheritor) => self.poll_contended(inheritor, cx),
+    /// Takes permits under the lock, in whichever way it is held, or waits for them. At first as if
+    /// uncontended: there is no process to wake then, and a thread need not ask the system for its
+    /// priority.
+    #[inline(always)]
+    fn take_under(
+        &mut self,
+        core: &Core,
+        mut lists: impl Lists,
+        turn: current::Turn<'_>,
+        holder: impl FnOnce() -> Option<Inheritor>,
+    ) -> Poll<()> {
+        let here = turn.here();
+        if core.take_locked(&mut lists, here, self.count, || here.priority(), holder) {
+            self.phase = Phase::Keeps;
+            return Poll::Ready(());
         }
+        drop(lists);
+        self.poll_contended(turn)
     }
 
     #[cold]
-    fn poll_contended(&mut self, inheritor: Option<Inheritor>, cx: &Context<'_>) -> Poll<()> {
-        let mut renewal = Renewal::of(cx);
+    #[inline(never)]
+    fn poll_contended(&mut self, turn: current::Turn<'_>) -> Poll<()> {
+        let inheritor = self.core().inheritor(self.of_thread);
+        let cx = turn.context();
+        let mut renewal = Renewal::of(&cx);
         let waits_as = (priority(self.of_thread), inheritor);
         // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and
         // ended when it goes.
         let polled = unsafe {
-            Core::take_or_list(self.core, self.entry(), self.count, waits_as, &mut renewal)
+            Core::take_or_list(
+                self.core,
+                self.entry(),
+                turn.here(),
+                self.count,
+                waits_as,
+                &mut renewal,
+            )
         };
         // Before what is left of the renewal is dropped.
         self.phase = match polled {
@@ -203,19 +243,6 @@ impl<'a> Take<'a> {
             None => take.give_up(),
         }
     }
-
-    /// Locks a mutex on the fast path, if it can: the caller holds it then.
-    #[inline(always)]
-    pub(super) fn lock_fast(self: Pin<&mut Self>, cx: &Context<'_>) -> bool {
-        if self.phase == Phase::New
-            && let Some(turn) = PlainTurn::of(cx)
-            && self.core().lock_fast(turn)
-        {
-            self.in_place().phase = Phase::Over;
-            return true;
-        }
-        false
-    }
 }
 
 // SAFETY: what is pinned is the entry, which every method leaves where it is.
@@ -244,14 +271,23 @@ impl Future for Take<'_> {
     #[inline(never)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.in_place();
-        let polled = match replay::is_on() {
-            true => replay::poll(this, cx),
-            false => this.poll_without_log(cx),
-        };
-        if polled.is_ready() {
-            this.end();
+        let (core, turn) = (this.core(), current::Turn::of(cx));
+        if this.phase == Phase::New
+            && let Some(plain) = turn.plain()
+            && let Some(lists) = core.enter_in(turn.here())
+            && plain.goes_on()
+        {
+            let holder = || match core.has_owner() {
+                true => Inheritor::of_plain_turn(plain),
+                false => None,
+            };
+            let polled = this.take_under(core, lists, turn, holder);
+            if polled.is_ready() {
+                this.phase = Phase::Over;
+            }
+            return polled.map(Ok);
         }
-        polled
+        this.poll_otherwise(turn, cx)
     }
 }
 
@@ -295,7 +331,7 @@ impl Logged for Take<'_> {
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
-        self.poll_without_log(cx)
+        self.poll_without_log(current::Turn::of(cx))
     }
 
     /// The stamp is taken now, when the process has the permits: stamps of holders are in the order

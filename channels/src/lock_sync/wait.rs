@@ -327,8 +327,9 @@ impl<T> Logged for WaitOp<'_, '_, T> {
             // It did not lock again.
             Turn::Look => Poll::Pending,
             Turn::Given(event) => {
-                let inheritor = take::caller(self.take.of_thread);
-                if self.mutex.core().take(1, inheritor).is_err() {
+                let mut inheritor = take::caller(self.take.of_thread);
+                let here = current::Here::now();
+                if !self.mutex.core().take(here, 1, || inheritor.take()) {
                     return replay::differs("another process holds the mutex");
                 }
                 self.has_timed_out = event.number == 1;

@@ -4,9 +4,32 @@ use super::{Begun, Link, Make, Outcome, Seldom, Waiter};
 use crate::select_state::SelectState;
 use core::mem::MaybeUninit;
 use core::ptr::NonNull;
-use luna_core::current::{self, PlainTurn, User, WakeHandle};
+use luna_core::current::{self, Here, PlainTurn, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::atomic::AtomicU8;
+
+/// Who waits: the process in its plain turn, or anyone with a handle that was made before the lock.
+pub(crate) trait Waits {
+    fn into_node(self) -> WaitNode;
+}
+
+impl Waits for PlainTurn<'_> {
+    #[inline(always)]
+    fn into_node(self) -> WaitNode {
+        let process = self.process();
+        let user = User::Process(process.id());
+        let wake_handle = WakeHandle::of_plain_turn(self);
+        WaitNode::waiting(user, process.priority(), Some(wake_handle))
+    }
+}
+
+/// The wake handle of anyone else.
+impl Waits for (Here<'_>, WakeHandle) {
+    fn into_node(self) -> WaitNode {
+        let (here, wake_handle) = self;
+        WaitNode::waiting(here.user(), here.priority(), Some(wake_handle))
+    }
+}
 
 impl<T> Waiter<T> {
     /// Prepares a node for being listed.
@@ -33,6 +56,31 @@ impl<T> Waiter<T> {
             (*node.as_ptr()).seldom = Seldom {
                 order: MaybeUninit::new(0),
                 make: MaybeUninit::new(make),
+            };
+        }
+    }
+
+    /// Prepares the node of an operation that waits for itself alone, with all its fields, for being
+    /// [listed](luna_core::wait_list::WaitList::insert_again).
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin`](Self::begin): `node` is live, no other thread accesses it, and it is in no
+    /// list.
+    #[inline(always)]
+    pub(crate) unsafe fn begin_for(node: NonNull<Waiter<T>>, waits: impl Waits, ticket: u32) {
+        let wait = waits.into_node();
+        // SAFETY: the node is live, in no list, and no other thread accesses it, as is demanded
+        // here: so it may be written as a whole. A settled node holds no wake handle, so nothing is
+        // lost of a former link.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                ticket,
+                ..Link::in_full(wait, None)
+            });
+            (*node.as_ptr()).seldom = Seldom {
+                order: MaybeUninit::new(0),
+                make: MaybeUninit::new(None),
             };
         }
     }

@@ -3,6 +3,8 @@
 mod begin;
 mod settle;
 
+pub(crate) use begin::Waits;
+
 use crate::select_state::SelectState;
 use crate::wait_point::{Ending, Mover};
 use core::mem::MaybeUninit;

@@ -3,9 +3,8 @@
 
 use super::{Begun, Outcome, Waiter};
 use crate::select_state::SelectState;
-use core::mem;
 use core::ptr::NonNull;
-use luna_core::current::{PendingWake, PlainPendingWake, WakeHandle};
+use luna_core::current::{Here, PendingWake, PlainPendingWake, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::atomic::Ordering;
 
@@ -77,27 +76,17 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Wakes the process of an operation that was listed by [`begin_plain`](Self::begin_plain),
-    /// unless it has ended: the node is then to be unlisted and settled, under the same lock.
-    /// `false`: it is not so, and no state has changed. Runs no user code.
+    /// Wakes the process of a listed operation and settles it as done, if that can be done under
+    /// the lock: see [`WakeHandle::wake_here`]. The node is then to be unlisted, under the same
+    /// lock. `false`: nothing has changed.
     ///
     /// # Safety
     ///
-    /// As for [`take_plain_wake_handle`](Self::take_plain_wake_handle).
+    /// `node` is listed and not settled, and the lock is held that guards it.
     #[inline(always)]
-    pub(crate) unsafe fn wake_plain(node: NonNull<Waiter<T>>) -> bool {
+    pub(crate) unsafe fn wake_here(node: NonNull<Waiter<T>>, here: Here<'_>) -> bool {
         // SAFETY: the node is listed, so its link was written, and the lock that is held guards it.
-        // One begun plainly has the handle that the owner of the bias, this thread, has made in a
-        // plain turn, as for `take_plain_wake_handle`. It is used once: either it wakes here, and
-        // the node is settled next, or what was read is forgotten.
-        unsafe {
-            let link = Self::link(node);
-            (*link).begun == Begun::Plainly
-                && WakeHandle::plain_of((*link).wait.wake_handle_mut())
-                    .wake_unless_ended()
-                    .map_err(mem::forget)
-                    .is_ok()
-        }
+        unsafe { WakeHandle::wake_here((*Self::link(node)).wait.wake_handle_mut(), here) }
     }
 
     /// The wake handle, to be changed: from here on it may differ from a plain operation's.

@@ -158,11 +158,13 @@ mod running {
         let (executor, turn) = (current::executor_number(), PlainTurn::without_process());
         // SAFETY: this thread is the executor's, and the kept guard is taken again.
         unsafe {
-            lock.lock_if_biased_to(executor).unwrap().keep();
+            lock.enter_as(executor, luna_platform::inside::Inside::id_of_this_thread())
+                .unwrap()
+                .keep();
             assert!(lock.inside.is_entered());
             *lock.kept(turn) += 1;
             assert!(!lock.inside.is_entered());
-            assert!(lock.lock_if_biased_to(executor + 1).is_none());
+            assert!(lock.enter_as(executor + 1, 0).is_none());
         }
     }
 
@@ -176,7 +178,11 @@ mod running {
         // SAFETY: this thread is the executor's, and another lock is biased to it.
         let lock = unsafe { BiasedLock::biased_to(executor, 0) };
         // SAFETY: this thread is that of the executor with this number.
-        unsafe { *lock.lock_if_biased_to(executor).unwrap() += 1 };
+        unsafe {
+            *lock
+                .enter_as(executor, luna_platform::inside::Inside::id_of_this_thread())
+                .unwrap() += 1
+        };
         let done = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {

@@ -17,7 +17,7 @@ use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
 use super::process::{Priority, QueueEnd};
 use super::wake_handle::Reference;
-use super::{PlainTurn, executor_id, process};
+use super::{Here, PlainTurn, executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
 use alloc::sync::Arc;
 use core::cmp::Ordering;
@@ -77,6 +77,22 @@ impl Inheritor {
     pub fn current_or_thread() -> Option<Inheritor> {
         Inheritor::current()
             .or_else(|| super::this_thread().map(|thread| Inheritor::to(To::Thread(thread))))
+    }
+
+    /// Takes it out to be dropped, unless it is that of a process of this thread, without a boost:
+    /// then it ends here, by a few instructions, and may do so under a lock.
+    #[inline(always)]
+    pub fn end(place: &mut Option<Inheritor>, here: Here<'_>) -> Option<Inheritor> {
+        let inheritor = place.as_ref()?;
+        if let To::Process(reference) = &inheritor.to
+            && inheritor.boost == Boost::Nothing
+            && reference.process().executor_number() == here.executor_number()
+            && reference.process().references.remove_unless_ended()
+        {
+            // SAFETY: it was counted off, so what lies there is overwritten, not dropped.
+            unsafe { core::ptr::write(place, None) };
+        }
+        place.take()
     }
 
     fn to(to: To) -> Inheritor {

@@ -46,8 +46,8 @@ pub use replay::{
     branch_path, has_replay_log, is_replayed, replay_log, with_replay_log, without_replay_log,
 };
 pub use turn::{
-    PlainTurn, end_turns, give_turn, outside, plain_turn, priority, process, take_interrupted,
-    user, with_plain_turn, with_process,
+    Here, PlainTurn, Turn, end_turns, give_turn, outside, plain_turn, priority, process,
+    take_interrupted, user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 

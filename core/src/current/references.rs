@@ -63,6 +63,17 @@ impl References {
         self.elsewhere.fetch_sub(1, Ordering::AcqRel) - 1 == ENDED
     }
 
+    /// As [`remove`](Self::remove), on the executor's thread. `false`: the process has ended, and
+    /// nothing was counted.
+    #[inline(always)]
+    pub(super) fn remove_unless_ended(&self) -> bool {
+        let has_ended = self.here.get() == HAS_ENDED;
+        if !has_ended {
+            self.remove_before_end();
+        }
+        !has_ended
+    }
+
     /// As [`remove`](Self::remove), on the executor's thread, of a process that has not ended.
     #[inline(always)]
     pub(super) fn remove_before_end(&self) {

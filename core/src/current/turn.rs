@@ -3,10 +3,10 @@
 use super::branch::{Branch, lowered};
 use super::{
     ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
-    local,
+    WakeHandle, count_operation, is_outranked, local, ready_again,
 };
 use core::ptr::NonNull;
-use core::task::Context;
+use core::task::{Context, Waker};
 use luna_platform::on_drop::OnDrop;
 
 /// Runs `poll` with `process` as the current one.
@@ -108,8 +108,8 @@ pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
 ///
 /// # Invariants
 ///
-/// The current process stays the same as long as this is used: it borrows the waker of a poll, or
-/// does not leave the closure that gets it ([`with_plain_turn`]), and what removes the current
+/// The current process stays the same as long as this is used: it borrows the waker of a poll, and
+/// what removes the current
 /// process during a poll is unsafe ([`end_turns`], [`outside`]).
 #[derive(Clone, Copy)]
 pub struct PlainTurn<'a>(&'a Thread);
@@ -120,6 +120,12 @@ impl<'a> PlainTurn<'a> {
     pub fn of(cx: &Context<'a>) -> Option<PlainTurn<'a>> {
         let thread = local();
         core::ptr::eq(thread.plain.get(), cx.waker()).then_some(PlainTurn(thread))
+    }
+
+    /// Its thread, for locks.
+    #[inline(always)]
+    pub fn here(self) -> Here<'a> {
+        Here(self.0)
     }
 
     /// The current process.
@@ -192,6 +198,140 @@ impl<'a> PlainTurn<'a> {
 
 luna_platform::debug_fields!(PlainTurn<'_>, |turn| process: turn.process());
 
+/// The calling thread, as what locks ask for: looked up once, and passed on.
+#[derive(Clone, Copy)]
+pub struct Here<'a>(&'a Thread);
+
+impl Here<'_> {
+    /// The calling thread.
+    #[inline(always)]
+    pub fn now() -> Self {
+        Here(local())
+    }
+
+    /// The id of its executor; 0 if it runs no processes.
+    #[inline(always)]
+    pub fn executor_number(self) -> u64 {
+        self.0.executor_id.get().map_or(0, ExecutorId::number)
+    }
+
+    /// The current process, or none.
+    #[inline(always)]
+    pub fn user(self) -> User {
+        match self.0.process.get() {
+            // SAFETY: as for `process`: it is live as long as it is the current one.
+            Some(process) => User::Process(unsafe { process.as_ref() }.id()),
+            None => User::Outside,
+        }
+    }
+
+    /// The priority of what runs here: see [`priority`].
+    #[inline]
+    pub fn priority(self) -> Priority {
+        let lowered = self.0.branch.get().lowered();
+        // SAFETY: as for `process`: it is live as long as it is the current one.
+        let process = self
+            .0
+            .process
+            .get()
+            .map(|process| unsafe { process.as_ref() });
+        process.map_or_else(Priority::default, |process| {
+            process.lowered_priority(lowered)
+        })
+    }
+
+    /// What it writes into a lock that is biased to its executor; 0 if it runs no processes.
+    #[inline(always)]
+    pub(crate) fn thread_id(self) -> u32 {
+        self.0.thread_id.get()
+    }
+}
+
+luna_platform::debug_fields!(Here<'_>, |here| executor: here.executor_number());
+
+/// What a poll passes on to the operation that is polled: the state of its thread, and its waker.
+/// Any poll has one; what is seldom asked is asked here as well.
+///
+/// # Invariants
+///
+/// As for [`PlainTurn`]: the current process stays the same as long as this is used.
+#[derive(Clone, Copy)]
+pub struct Turn<'a> {
+    thread: &'a Thread,
+    waker: &'a Waker,
+}
+
+impl<'a> Turn<'a> {
+    /// Of the present poll.
+    #[inline(always)]
+    pub fn of(cx: &Context<'a>) -> Self {
+        Turn {
+            thread: local(),
+            waker: cx.waker(),
+        }
+    }
+
+    /// Its thread, for locks.
+    #[inline(always)]
+    pub fn here(self) -> Here<'a> {
+        Here(self.thread)
+    }
+
+    /// The turn, if it is a [plain](plain_turn) one: that of a process, without a failed branch,
+    /// a log or a waker of its own. One compare.
+    #[inline(always)]
+    pub fn plain(self) -> Option<PlainTurn<'a>> {
+        core::ptr::eq(self.thread.plain.get(), self.waker).then_some(PlainTurn(self.thread))
+    }
+
+    /// The context, for code that has not been passed the turn yet.
+    #[inline]
+    pub fn context(self) -> Context<'a> {
+        Context::from_waker(self.waker)
+    }
+
+    /// Whether its process has a replay log.
+    #[inline(always)]
+    pub fn has_replay_log(self) -> bool {
+        self.thread.branch.get().has_replay_log()
+    }
+
+    /// Whether a sibling of the current branch has failed.
+    #[inline(always)]
+    pub fn branch_failed(self) -> bool {
+        self.thread.branch.get().has_failed()
+    }
+
+    /// Its wake handle. It may clone a waker: not to be called under a lock.
+    #[cold]
+    pub fn wake_handle(self) -> WakeHandle {
+        WakeHandle::of(&self.context())
+    }
+
+    /// Counts an operation that is done; or yields: see [`PlainTurn::yields_after_operation`].
+    #[inline(always)]
+    pub fn yields_after_operation(self) -> bool {
+        match self.plain() {
+            Some(turn) => turn.yields_after_operation(),
+            None => self.yields_otherwise(),
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn yields_otherwise(self) -> bool {
+        let place = match is_outranked() {
+            true => QueueEnd::Front,
+            false if count_operation() => return false,
+            false => QueueEnd::Back,
+        };
+        ready_again(&self.context(), place);
+        true
+    }
+}
+
+luna_platform::debug_fields!(Turn<'_>, |turn| executor: turn.here().executor_number());
+
 /// The current process, if its turn is a plain one: the process is an executor's, `cx` has its own
 /// waker and no combinator's, its events are not traced and it has no replay log, and the branch
 /// that is being polled, if any, has not failed and runs at the process' level. Nearly all polls
@@ -199,13 +339,6 @@ luna_platform::debug_fields!(PlainTurn<'_>, |turn| process: turn.process());
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     PlainTurn::of(cx).map(PlainTurn::process)
-}
-
-/// Calls `f` with the present turn, if it is a plain one: for code that has no context.
-#[inline(always)]
-pub fn with_plain_turn<R>(f: impl FnOnce(PlainTurn<'_>) -> R) -> Option<R> {
-    let thread = local();
-    (!thread.plain.get().is_null()).then(|| f(PlainTurn(thread)))
 }
 
 /// Calls `f` with the current process, if there is one.

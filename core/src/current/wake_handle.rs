@@ -30,7 +30,7 @@
 //! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
 use super::process::{Process, QueueEnd};
-use super::{LEVELS, PlainTurn, executor_id, lowered, process};
+use super::{Here, LEVELS, PlainTurn, executor_id, lowered, process};
 use crate::{fetch, park};
 use core::fmt;
 use core::mem::{self, ManuallyDrop};
@@ -119,10 +119,10 @@ impl Reference {
     ///
     /// This is the executor's thread.
     #[inline]
-    pub(super) unsafe fn ready_here(&self, place: QueueEnd) {
+    pub(super) unsafe fn ready_here(&self, place: QueueEnd) -> bool {
         // SAFETY: the caller promises that this is the executor's thread; the reference keeps the
         // process' memory.
-        unsafe { self.process().ready_here(self.lowered(), place) };
+        unsafe { self.process().ready_here(self.lowered(), place) }
     }
 }
 
@@ -271,6 +271,29 @@ impl WakeHandle {
                 _ => core::hint::unreachable_unchecked(),
             }
         }
+    }
+
+    /// Wakes a process of this thread, unless it has ended. That runs no user code and frees
+    /// nothing, so it may be done under the lock that guards `stored`. `false`: it is not so, and
+    /// nothing has changed; the caller [takes](Self::take) the handle out of the lock.
+    #[inline(always)]
+    pub fn wake_here(stored: &mut Option<WakeHandle>, here: Here<'_>) -> bool {
+        let Some(WakeHandle(Inner::Process(reference))) = stored else {
+            return false;
+        };
+        let process = reference.process();
+        if process.executor_number() != here.executor_number() {
+            return false;
+        }
+        // SAFETY: this is the thread of the process' executor; the reference keeps its memory.
+        if !unsafe { reference.ready_here(QueueEnd::Back) } {
+            return false;
+        }
+        // One that has not ended. Counted off here; a drop must not count again.
+        process.references.remove_before_end();
+        // SAFETY: what lies there is overwritten, not dropped.
+        unsafe { ptr::write(stored, None) };
+        true
     }
 
     /// Whether it wakes the same task as `cx`.

@@ -124,7 +124,7 @@ impl Visit for Withdrawing<'_> {
         // point, and under the lock a waiting node is listed. The chosen one is over.
         unsafe {
             if Waiter::is_waiting(node) {
-                match guard.wait_point.try_enter(self.turn) {
+                match guard.wait_point.enter_in(self.turn.here()) {
                     Some(mut lists)
                         if lists.waiting == Waiting::alone_guard(guard.node, guard.of_sender) =>
                     {

@@ -93,7 +93,7 @@ impl<const FAIR: bool> Visit for Looks<'_, FAIR> {
         if stamp >= self.least {
             return true;
         }
-        let Some(lists) = guard.wait_point.enter_if_free(self.turn) else {
+        let Some(lists) = guard.wait_point.enter_in(self.turn.here()) else {
             self.found = Self::REFUSED;
             return false;
         };
