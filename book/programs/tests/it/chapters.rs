@@ -89,10 +89,11 @@ fn with_programs(page: &Path, text: &str) -> (String, Vec<PathBuf>) {
 }
 
 #[test]
-fn chapters_show_tested_programs_as_they_are() {
+fn pages_show_tested_programs_as_they_are() {
     let root = repository().canonicalize().unwrap();
     let mut shown = HashSet::new();
-    for chapter in chapters() {
+    let readme = repository().join("README.md");
+    for chapter in chapters().into_iter().chain([readme]) {
         let text = fs::read_to_string(&chapter).unwrap();
         let (expected, files) = with_programs(&chapter, &text);
         if std::env::var_os("LUNA_BOOK_WRITE").is_some() {
@@ -174,6 +175,7 @@ fn links_of_all_pages_lead_somewhere() {
     pages.extend(
         [
             "README.md",
+            "examples/README.md",
             "CONTRIBUTING.md",
             "SECURITY.md",
             "ARCHITECTURE.md",
