@@ -23,7 +23,7 @@
 //! [`meet`] does not depend on the type of the values, so all channels share one copy of it for
 //! each direction. A system has processes of many kinds, and its channels many types: with a copy
 //! for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between its
-//! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
+//! cycles waits for its code more than it computes (docs/internals/performance.md, "After a sleep").
 
 mod guards;
 mod queued;
