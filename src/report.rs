@@ -47,7 +47,7 @@ pub use luna_platform::usage::ThreadUsage;
 use crate::system::deadlock::Deadlock;
 use crate::system::{ClockKind, Member};
 use crate::time::short;
-use luna_executors::Exit;
+use luna_core::Exit;
 use luna_platform::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;

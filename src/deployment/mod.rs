@@ -12,7 +12,7 @@ use crate::error::SetupError;
 use crate::file::{Problem, Source, nearest};
 use crate::safety::{Budgets, OnOverrun};
 use crate::system::plan::{Placement, ProcessPlan, Settings};
-use luna_executors::ProcessSpec;
+use luna_core::ProcessSpec;
 use luna_platform::clock::nanos;
 use stated::{At, Named, Stated};
 use std::collections::BTreeMap;

@@ -8,7 +8,7 @@ use luna_channels as channels;
 use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
 };
-use luna_executors::Nested;
+use luna_core::Nested;
 use luna_platform::memory::HeapError;
 use luna_platform::signals::SignalError;
 use luna_platform::thread::{AttributeError, SpawnError};
@@ -91,7 +91,7 @@ from! {
     #[cfg(unix)]
     crate::devices::DeviceError { error => Error::Device(error.into()) }
     #[cfg(unix)]
-    luna_executors::FileError { error => Error::other(error) }
+    luna_core::FileError { error => Error::other(error) }
     #[cfg(unix)]
     WireStop {
         WireStop::Failed(error) => error.into(),
@@ -105,7 +105,7 @@ from! {
     crate::external::BadRecord { error => Error::other(error) }
     crate::external::Malformed { error => Error::other(error) }
     crate::safety::ResetError { error => Error::other(error) }
-    luna_executors::DriveError { error => Error::other(error) }
+    luna_core::DriveError { error => Error::other(error) }
     luna_platform::thread::PolicyError { error => Error::other(error) }
     #[cfg(feature = "logger")]
     luna_logger::StartError { error => Error::other(error) }

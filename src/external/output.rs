@@ -90,7 +90,7 @@ impl<T: ToBytes + Send> Process for Output<T> {
 
     fn run(&mut self) -> impl Future<Output = Result<()>> {
         // As for an input.
-        let _ = luna_executors::prepare_files();
+        let _ = luna_core::prepare_files();
         async {
             let receiver = self.receiver.take();
             let (Some(device), Some(packer), Some(receiver)) =

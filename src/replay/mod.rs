@@ -51,9 +51,9 @@ pub use value::Value;
 
 use crate::error::Result;
 use crate::system::Opening;
+use luna_core::ProcessSpec;
 use luna_core::current;
 use luna_core::replay_log::{About, Event, LogInstaller, Turn};
-use luna_executors::ProcessSpec;
 use recorder::{RecordReport, Recorder};
 use replayer::Replayer;
 use std::future::Future;
@@ -184,7 +184,7 @@ pub async fn blocking<T: Value + Send + 'static>(
 ) -> T {
     let given = match current::replay_log(|log| log.is_replay()) {
         Some(true) => None,
-        _ => Some(Untaped(luna_executors::blocking(call)).await),
+        _ => Some(Untaped(luna_core::blocking(call)).await),
     };
     input(name, || match given {
         Some(given) => given,

@@ -16,7 +16,7 @@ use crate::error::{Error, Result, SetupError};
 use crate::log::Session;
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MAX_CALLBACKS, Manager, ManagerThread, Scope, StampState};
-use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
+use luna_core::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::MemoryLock;
@@ -140,7 +140,7 @@ fn launch_described(
         settings.replaces,
         &opening,
     )?;
-    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
+    luna_core::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;
 

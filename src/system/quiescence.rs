@@ -9,7 +9,7 @@ use super::deadlock::{Deadlock, Sleeping, find};
 use super::plan::{Plan, Running};
 use luna_channels::inspect::wait_points;
 use luna_core::current::ProcessId;
-use luna_executors::{ProcessHandle, ProcessState, Quiescent};
+use luna_core::{ProcessHandle, ProcessState, Quiescent};
 use luna_platform::clock::Instant;
 use std::collections::{HashMap, HashSet};
 use std::time::Duration;

@@ -5,13 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The libraries' sources. The modelled and the portable platform make no real-time claim.
-const SOURCES: [&str; 5] = [
-    "platform/src",
-    "core/src",
-    "channels/src",
-    "executors/src",
-    "src",
-];
+const SOURCES: [&str; 4] = ["platform/src", "core/src", "channels/src", "src"];
 const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
 
 /// Files in which these words mean the framework's own locks.
@@ -36,11 +30,11 @@ const KNOWN: [(&str, &str); 16] = [
         "places enlist when they are made and freed, and reports look",
     ),
     (
-        "executors/src/simulation/calls.rs",
+        "core/src/simulation/calls.rs",
         "on a virtual clock nothing is real time",
     ),
     (
-        "executors/src/simulation/drive.rs",
+        "core/src/simulation/drive.rs",
         "on a virtual clock nothing is real time",
     ),
     (
