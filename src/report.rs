@@ -26,7 +26,6 @@
 //! ```
 
 pub use crate::deployment::{DeploymentReport, Override};
-pub use crate::replay::recorder::RecordReport;
 pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
 pub use crate::safety::report::SafetyReport;
@@ -43,6 +42,7 @@ pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
 pub use luna_platform::facts::RealTimeShare;
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::usage::ThreadUsage;
+pub use luna_replay::RecordReport;
 
 use crate::system::deadlock::Deadlock;
 use crate::system::{ClockKind, Member};

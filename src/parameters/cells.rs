@@ -7,9 +7,12 @@
 //! of a cycle, under the same lock, and only if there was an offer. So the words that are read
 //! change on the process' own thread alone, and the process reads them without the lock.
 
-use crate::replay;
 use luna_core::current;
 use luna_platform::lock::PiLock;
+use luna_replay::{
+    self as replay,
+    log::{LONGEST, input_bytes},
+};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -156,14 +159,14 @@ impl Cells {
 impl Words {
     /// Records its value, or takes the recorded one.
     fn note(&self) {
-        let mut bytes = [0; replay::LONGEST];
+        let mut bytes = [0; LONGEST];
         let bytes = &mut bytes[..8 * self.taken.len()];
         let fill = |bytes: &mut [u8]| {
             for (word, eight) in self.taken.iter().zip(bytes.chunks_exact_mut(8)) {
                 eight.copy_from_slice(&word.load(Ordering::Relaxed).to_le_bytes());
             }
         };
-        if replay::input_bytes(&self.name, bytes, fill) {
+        if input_bytes(&self.name, bytes, fill) {
             let (eights, _) = bytes.as_chunks::<8>();
             for (word, eight) in self.taken.iter().zip(eights) {
                 word.store(u64::from_le_bytes(*eight), Ordering::Relaxed);

@@ -138,7 +138,11 @@ fn launch_described(
     let replay_logs = std::mem::take(&mut settings.replay_logs).start(
         plan.name(),
         settings.replaces,
-        &opening,
+        |path, make| {
+            opening
+                .wait_for(format!("make the replay log `{}`", path.display()), make)?
+                .map_err(Error::from)
+        },
     )?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),

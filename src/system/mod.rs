@@ -33,7 +33,6 @@ pub(crate) mod plan;
 mod quiescence;
 mod reaper;
 mod register;
-mod replay;
 mod safety;
 mod stand_in;
 mod stolen;
@@ -83,7 +82,7 @@ use std::sync::Arc;
 /// # Ok::<(), luna::Error>(())
 /// ```
 pub struct System {
-    plan: Arc<Plan>,
+    pub(crate) plan: Arc<Plan>,
 }
 
 impl System {

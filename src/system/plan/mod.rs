@@ -19,11 +19,11 @@ use crate::file;
 use crate::log::{Asked, Log};
 use crate::notice::notice;
 use crate::parameters::Store;
-use crate::replay::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
 use crate::time::{Manager, StampState};
 use luna_platform::thread::Attributes;
+use luna_replay::session::SessionPlan;
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
 use std::path::Path;
@@ -79,7 +79,7 @@ pub(crate) struct Settings {
     pub(crate) logging: Asked,
     /// The addresses of a system that is to be found by other programs.
     pub(crate) announced: Option<Vec<(String, String)>>,
-    pub(crate) replay_logs: TapePlan,
+    pub(crate) replay_logs: SessionPlan,
     /// Recordings may replace files.
     pub(crate) replaces: bool,
     /// How often to look whether the file of parameters has changed.

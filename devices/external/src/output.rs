@@ -6,10 +6,8 @@ use super::framing::Framing;
 use super::input::unless_closed;
 use super::packer::Packer;
 use super::record::ToBytes;
-use super::wire::Wire;
-use crate::Receiver;
-use crate::csp::process::Process;
-use crate::error::Result;
+use super::wire::{Wire, WireStop};
+use luna_channels::{ChannelEnd, Receiver, RecvError};
 use std::future::Future;
 use std::os::fd::OwnedFd;
 use std::pin::pin;
@@ -20,7 +18,7 @@ use std::pin::pin;
 /// Each record is written whole, with as many calls as that takes, before the next value is
 /// received: on a rendezvous a sender is at most one record ahead of the file. The process ends
 /// when the last sender is gone and all that it sent is written; with
-/// [`Error::Poisoned`](crate::Error::Poisoned) when the channel is poisoned; and with an error when
+/// `luna::Error::Poisoned` when the channel is poisoned; and with an error when
 /// the reading end of the file is closed, writing fails, or a value cannot be written in this
 /// framing. Senders then find the channel closed. The file is closed when the process has ended.
 ///
@@ -61,7 +59,7 @@ pub fn output<T: ToBytes + Send>(
 
 /// A link from a channel to a file, to be spawned: see [`output`].
 ///
-/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and
+/// As every `luna::Process` it can also be run by hand, once: `link.pre_run()?` and
 /// `link.run().await?`.
 #[must_use = "a link is a process: spawn it"]
 pub struct Output<T> {
@@ -73,13 +71,15 @@ pub struct Output<T> {
     packer: Option<Packer>,
 }
 
-impl<T: ToBytes + Send> Process for Output<T> {
+/// The three phases of its process.
+#[doc(hidden)]
+impl<T: ToBytes + Send> Output<T> {
     /// Checks the framing, makes room for a record, and puts the file in non-blocking mode.
     ///
     /// # Errors
     ///
-    /// A [`LinkError`] with the one that failed.
-    fn pre_run(&mut self) -> Result<()> {
+    /// The one that failed.
+    pub fn prepare(&mut self) -> Result<(), LinkError> {
         let packer = Packer::new(self.framing)?;
         if let Some(device) = &mut self.device {
             device.0.prepare()?;
@@ -88,7 +88,8 @@ impl<T: ToBytes + Send> Process for Output<T> {
         Ok(())
     }
 
-    fn run(&mut self) -> impl Future<Output = Result<()>> {
+    /// Carries records until an end.
+    pub fn carry(&mut self) -> impl Future<Output = Result<(), WireStop>> {
         // As for an input.
         let _ = luna_executors::prepare_files();
         async {
@@ -103,7 +104,7 @@ impl<T: ToBytes + Send> Process for Output<T> {
     }
 
     /// Closes the file.
-    fn post_run(&mut self) {
+    pub fn close(&mut self) {
         self.device = None;
     }
 }
@@ -112,15 +113,23 @@ async fn pump<T: ToBytes + Send>(
     device: &mut Device,
     packer: &mut Packer,
     receiver: &Receiver<T>,
-) -> Result<()> {
+) -> Result<(), WireStop> {
     let mut poisoned = pin!(receiver.poisoned());
     let mut number = 0;
     loop {
-        let value = receiver.recv().await?;
+        let value = receiver.recv().await.map_err(ended)?;
         number += 1;
         let bytes = packer.pack(&value).map_err(LinkError::Record)?;
         device.write(bytes, number, poisoned.as_mut()).await?;
     }
+}
+
+/// Why no value came.
+fn ended(error: RecvError) -> WireStop {
+    WireStop::Ended(match error {
+        RecvError::Poisoned => ChannelEnd::Poisoned,
+        RecvError::Closed => ChannelEnd::Closed,
+    })
 }
 
 luna_platform::debug_fields!(

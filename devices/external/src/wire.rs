@@ -160,7 +160,9 @@ impl Wire {
             Direction::In => readable(&self.file),
             Direction::Out => writable(&self.file),
         });
-        let mut time = pin!(until(patience.map(|patience| crate::now() + patience)));
+        let mut time = pin!(until(
+            patience.map(|patience| luna_replay::now() + patience)
+        ));
         let waited = poll_fn(|cx| {
             if let Poll::Ready(end) = ended.as_mut().poll(cx) {
                 return Poll::Ready(Err(WireStop::Ended(end)));

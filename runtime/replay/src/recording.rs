@@ -8,7 +8,7 @@ use luna_core::replay_log::About;
 use std::path::Path;
 
 /// A recording that was read from its file, to be given to
-/// [`System::replay`](crate::System::replay). It can be replayed any number of times.
+/// `System::replay`. It can be replayed any number of times.
 #[derive(Debug, Clone)]
 pub struct Recording {
     pub(super) system: String,
@@ -152,7 +152,7 @@ impl Recording {
         &self.system
     }
 
-    /// The text of [`System::record_note`](crate::System::record_note).
+    /// The text of `System::record_note`.
     pub fn note(&self) -> &str {
         &self.note
     }
@@ -168,7 +168,7 @@ impl Recording {
         counts.sum::<usize>() as u64
     }
 
-    /// How many of these are [outputs](crate::replay::output), or bytes written by a link, which a
+    /// How many of these are [outputs](crate::output), or bytes written by a link, which a
     /// replay compares.
     pub fn outputs(&self) -> u64 {
         let events = self.processes.iter().flat_map(|process| &process.events);

@@ -1,7 +1,7 @@
 //! External channels: a device, pipe, socket or terminal that is read and written as a channel.
 //!
-//! A *link* is a process between a file and a channel: [`input`] reads records and sends them,
-//! [`output`] receives values and writes them. The other side is an ordinary
+//! A *link* is a process between a file and a channel: [`input`](input()) reads records and sends them,
+//! [`output`](output()) receives values and writes them. The other side is an ordinary
 //! [`Receiver`](crate::Receiver) or [`Sender`](crate::Sender), with all that these can. A
 //! [`Framing`] defines how records lie in the bytes; [`FromBytes`] and [`ToBytes`] define what they
 //! mean, and a [`Frame`] has both for bytes as they are.
@@ -38,25 +38,38 @@
 //! manager](crate::devices), are the crate `luna-links`; [`Splitter`] and [`Packer`] are what such
 //! a link is made with.
 
-mod device;
-mod error;
-mod frame;
-mod framing;
-mod input;
-mod output;
-mod packer;
-mod record;
-mod splitter;
-mod wire;
+pub use luna_external::*;
 
-pub use error::{LinkError, OsError};
-pub use frame::Frame;
-pub use framing::{Framing, Prefix};
-pub use input::{Input, input, stdin};
-pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
-pub use output::{Output, output};
-pub use packer::Packer;
-pub use record::{BadRecord, Fault, FromBytes, Malformed, ToBytes};
-pub use splitter::Splitter;
-#[doc(hidden)]
-pub use wire::{Wire, WireStop};
+use crate::error::Result;
+use crate::process::Process;
+use std::future::Future;
+
+impl<T: FromBytes + Send> Process for Input<T> {
+    fn pre_run(&mut self) -> Result<()> {
+        Ok(self.prepare()?)
+    }
+
+    fn run(&mut self) -> impl Future<Output = Result<()>> {
+        let carried = self.carry();
+        async { Ok(carried.await?) }
+    }
+
+    fn post_run(&mut self) {
+        self.close();
+    }
+}
+
+impl<T: ToBytes + Send> Process for Output<T> {
+    fn pre_run(&mut self) -> Result<()> {
+        Ok(self.prepare()?)
+    }
+
+    fn run(&mut self) -> impl Future<Output = Result<()>> {
+        let carried = self.carry();
+        async { Ok(carried.await?) }
+    }
+
+    fn post_run(&mut self) {
+        self.close();
+    }
+}

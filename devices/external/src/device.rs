@@ -1,10 +1,10 @@
 //! The file of a link, whose reads and writes are recorded and replayed.
 
 use super::wire::{Wire, WireStop as Stop};
-use crate::replay::{self, Untaped};
 use luna_channels::{ChannelEnd, Ended};
 use luna_core::current;
 use luna_core::replay_log::{Event, Turn};
+use luna_replay::log::{self, Unrecorded};
 use std::pin::Pin;
 
 /// An open file that lets its link wait.
@@ -22,22 +22,22 @@ impl Device {
         if !current::has_replay_log() {
             return self.0.read(to, ended).await;
         }
-        match replay::enters().await {
+        match log::enters().await {
             Turn::Record => {
-                let read = Untaped(self.0.read(to, ended)).await;
+                let read = Unrecorded(self.0.read(to, ended)).await;
                 match &read {
-                    Ok(count) => replay::note_read(&to[..*count]),
+                    Ok(count) => log::note_read(&to[..*count]),
                     Err(stop) => leave_by(stop),
                 }
                 read
             }
             Turn::Given(event) => {
-                replay::leave(event);
+                log::leave(event);
                 Err(stopped(event))
             }
-            Turn::Look => match replay::read(to) {
+            Turn::Look => match log::read(to) {
                 Some(count) => {
-                    replay::hold().await;
+                    log::hold().await;
                     Ok(count)
                 }
                 // The replay has ended.
@@ -57,23 +57,23 @@ impl Device {
         if !current::has_replay_log() {
             return self.0.write(bytes, number, ended, None).await;
         }
-        replay::note_written(bytes);
-        match replay::enters().await {
+        log::note_written(bytes);
+        match log::enters().await {
             Turn::Record => {
-                let written = Untaped(self.0.write(bytes, number, ended, None)).await;
+                let written = Unrecorded(self.0.write(bytes, number, ended, None)).await;
                 match &written {
-                    Ok(()) => replay::leave(Event::done(0)),
+                    Ok(()) => log::leave(Event::done(0)),
                     Err(stop) => leave_by(stop),
                 }
                 written
             }
             Turn::Given(event) => {
-                replay::leave(event);
+                log::leave(event);
                 Err(stopped(event))
             }
             Turn::Look => {
-                replay::leave(Event::done(0));
-                replay::hold().await;
+                log::leave(Event::done(0));
+                log::hold().await;
                 Ok(())
             }
         }
@@ -83,12 +83,12 @@ impl Device {
 /// Records why a file was not read or written.
 fn leave_by(stop: &Stop) {
     match stop {
-        Stop::Ended(ChannelEnd::Closed) => replay::leave(Event::failed(0)),
-        Stop::Ended(ChannelEnd::Poisoned) => replay::leave(Event::failed(1)),
+        Stop::Ended(ChannelEnd::Closed) => log::leave(Event::failed(0)),
+        Stop::Ended(ChannelEnd::Poisoned) => log::leave(Event::failed(1)),
         // An error of the system has too many forms.
         Stop::Failed(_) => {
             current::replay_log(|log| log.outside("a file of `luna::external` that fails"));
-            replay::leave(Event::failed(0));
+            log::leave(Event::failed(0));
         }
     }
 }

@@ -3,8 +3,8 @@
 use super::branch_log::Stage;
 use super::stamps::after;
 use super::track::{Track, described, outcome_text};
-use crate::replay::error::RecordError;
-use crate::replay::event::{Event as Noted, Kind};
+use crate::error::RecordError;
+use crate::event::{Event as Noted, Kind};
 use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
 use std::task::{Context, Poll};
 

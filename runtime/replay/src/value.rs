@@ -1,7 +1,7 @@
 //! Values with a byte form.
 
 /// The most bytes that a value has.
-pub(crate) const LONGEST: usize = 256;
+pub const LONGEST: usize = 256;
 
 /// A value of fixed size with a byte form: what an [`input`](super::input) or
 /// [`output`](super::output) can be.

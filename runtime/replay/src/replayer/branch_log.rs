@@ -1,7 +1,7 @@
 //! One branch_log of a replayed process: its events, and how far it has come in them.
 
 use super::stamps::after;
-use crate::replay::event::{Event as Noted, Kind};
+use crate::event::{Event as Noted, Kind};
 use luna_core::replay_log::Turn;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;

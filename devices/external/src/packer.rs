@@ -104,7 +104,7 @@ impl Packer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::external::{Frame, Prefix};
+    use crate::{Frame, Prefix};
 
     #[track_caller]
     fn packs(framing: Framing, value: &[u8], expected: Result<&[u8], Fault>) {

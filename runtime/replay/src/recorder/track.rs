@@ -1,7 +1,7 @@
 //! What one process leaves in a recording.
 
 use super::Recorder;
-use crate::replay::event::{CUT, CUT_WITHIN, ENDED, Head, zigzag};
+use crate::event::{CUT, CUT_WITHIN, ENDED, Head, zigzag};
 use luna_core::byte_ring::ByteRing;
 use luna_core::current;
 use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};

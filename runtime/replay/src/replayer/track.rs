@@ -3,8 +3,8 @@
 use super::Replayer;
 use super::branch_log::BranchLog;
 use super::stamps::{LATE, at};
-use crate::replay::error::{Divergence, RecordError};
-use crate::replay::event::{Event as Noted, Kind};
+use crate::error::{Divergence, RecordError};
+use crate::event::{Event as Noted, Kind};
 use luna_core::current;
 use luna_core::replay_log::{About, Event, Turn, What};
 use luna_core::timer_queue::Sleep;

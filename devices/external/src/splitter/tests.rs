@@ -1,7 +1,7 @@
 //! Each framing, however the bytes come.
 
 use super::*;
-use crate::external::Prefix;
+use crate::Prefix;
 
 const fn too_long(most: usize) -> Fault {
     Fault::TooLong { most }

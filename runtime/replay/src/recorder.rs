@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 /// The default room of a process' ring.
-pub(crate) const ROOM: usize = 64 << 10;
+pub const ROOM: usize = 64 << 10;
 /// The interval at which the thread looks at the rings.
 const PAUSE: Duration = Duration::from_millis(2);
 /// The longest wait for the file at the end of a recording, and the longest when a signal asks for
@@ -32,7 +32,7 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(5);
 /// The longest part of a ring in one block.
 const MAX_AT_ONCE: usize = 32 << 10;
 
-/// Counters of a recording or a replay: in the [`Report`](crate::Report).
+/// Counters of a recording or a replay: in the report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct RecordReport {

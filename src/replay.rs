@@ -1,7 +1,47 @@
-//! What of a system is about the recording of its run, and the run of a recording.
+//! Recording a run, and replaying it: see [`System::record`](crate::System::record) and
+//! [`System::replay`](crate::System::replay).
+//!
+//! A process that communicates by channels with one sender and one receiver, and makes no choices,
+//! sees the same in every run, however long anything takes (Kahn, 1974). So only nondeterministic
+//! events are recorded: which guard an alternative chose, whether an operation at once or with a
+//! timeout succeeded, the clock as it was read, how an operation failed, what came from outside
+//! ([`input`]), and in which order processes got through where several compete. A replay on a
+//! virtual clock reproduces all that, and compares what goes outside ([`output`]).
+//! `docs/record-and-replay.md` lists what is recorded, and what is not.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna::replay::{self, Recording};
+//!
+//! fn system(read: impl Fn() -> u32 + Send + 'static) -> luna::Result<System> {
+//!     let mut system = System::new("thermometer");
+//!     let main = system.executor("main").build()?;
+//!     main.process("display").spawn(async move {
+//!         let degrees = replay::input("sensor", read);
+//!         replay::output("display", &(degrees * 10));
+//!         Ok(())
+//!     })?;
+//!     Ok(system)
+//! }
+//!
+//! # let path = std::env::temp_dir().join(format!("luna-record-doc-{}", std::process::id()));
+//! let mut recorded = system(|| 21)?;
+//! recorded.record(&path);
+//! recorded.run()?;
+//!
+//! let mut replayed = system(|| unreachable!("the outside is not touched"))?;
+//! replayed.replay(&Recording::open(&path)?);
+//! replayed.run()?;
+//! # std::fs::remove_file(&path).unwrap();
+//! # Ok::<(), luna::Error>(())
+//! ```
 
-use super::System;
-use crate::replay::{Mode, ROOM, Recording};
+pub use luna_replay::{
+    Divergence, RecordError, Recording, Value, blocking, input, is_recorded, output,
+};
+
+use crate::System;
+use luna_replay::session::ROOM;
 use std::path::PathBuf;
 
 impl System {
@@ -22,7 +62,7 @@ impl System {
 
     /// As [`record`](Self::record), with room for `bytes` bytes of each process; at least 256.
     pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
-        self.plan.settings().replay_logs.mode = Mode::Record(path.into(), bytes);
+        self.plan.settings().replay_logs.record(path.into(), bytes);
         self
     }
 

@@ -1,8 +1,8 @@
 //! Bytes in, records out.
 
-use crate::external::error::LinkError;
-use crate::external::framing::{Framing, Kind, Prefix};
-use crate::external::record::{BadRecord, Fault};
+use crate::error::LinkError;
+use crate::framing::{Framing, Kind, Prefix};
+use crate::record::{BadRecord, Fault};
 use std::ops::Range;
 
 /// Reads of less than this cost more by the call than by the byte.

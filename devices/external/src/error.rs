@@ -9,7 +9,7 @@ use thiserror::Error;
 
 /// Why a link to a file cannot be made, or has ended.
 ///
-/// A link's process fails with [`Error::External`](crate::Error::External) of it. Making one
+/// A link's process fails with `luna::Error::External` of it. Making one
 /// allocates nothing, so a link may fail on the real-time path.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]

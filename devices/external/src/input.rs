@@ -5,10 +5,8 @@ use super::error::LinkError;
 use super::framing::Framing;
 use super::record::{Fault, FromBytes};
 use super::splitter::Splitter;
-use super::wire::Wire;
-use crate::Sender;
-use crate::csp::process::Process;
-use crate::error::{Error, Result};
+use super::wire::{Wire, WireStop};
+use luna_channels::{ChannelEnd, SendError, Sender};
 use std::future::Future;
 use std::os::fd::{AsFd, OwnedFd};
 use std::pin::pin;
@@ -21,13 +19,13 @@ use std::pin::pin;
 /// with its sender the channel. So does a broken record (a line too long, a record that the end of
 /// the file cuts off, bytes that do not decode), with an error: unless the channel carries
 /// `Result<T, BadRecord>`, which then gets that in its place. It also ends, without an error, when
-/// the last receiver is gone; and with [`Error::Poisoned`](crate::Error::Poisoned) when the channel
+/// the last receiver is gone; and with `luna::Error::Poisoned` when the channel
 /// is poisoned. The file is closed when the process has ended.
 ///
 /// The file is put in non-blocking mode, for good and for all duplicates of its descriptor: give a
 /// terminal that a shell uses too as one opened anew (`/dev/tty`), and standard input by [`stdin`].
 /// One on a disk can be read, but the system holds up the whole thread for it. Nothing is allocated
-/// after [`pre_run`](Process::pre_run).
+/// after `pre_run`.
 ///
 /// ```
 /// use luna::external::{Framing, Frame};
@@ -108,7 +106,7 @@ pub fn stdin<T: FromBytes + Send>(
 
 /// A link from a file to a channel, to be spawned: see [`input`] and [`stdin`].
 ///
-/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and
+/// As every `luna::Process` it can also be run by hand, once: `link.pre_run()?` and
 /// `link.run().await?`.
 #[must_use = "a link is a process: spawn it"]
 pub struct Input<T> {
@@ -131,14 +129,16 @@ impl<T> Input<T> {
     }
 }
 
-impl<T: FromBytes + Send> Process for Input<T> {
+/// The three phases of its process.
+#[doc(hidden)]
+impl<T: FromBytes + Send> Input<T> {
     /// Checks the framing, makes room for records, and puts the file in non-blocking mode, unless
     /// it is standard input.
     ///
     /// # Errors
     ///
-    /// A [`LinkError`] with the one that failed.
-    fn pre_run(&mut self) -> Result<()> {
+    /// The one that failed.
+    pub fn prepare(&mut self) -> Result<(), LinkError> {
         let splitter = Splitter::new(self.framing)?;
         if let Some(device) = &mut self.device {
             device.0.prepare()?;
@@ -147,7 +147,8 @@ impl<T: FromBytes + Send> Process for Input<T> {
         Ok(())
     }
 
-    fn run(&mut self) -> impl Future<Output = Result<()>> {
+    /// Carries records until an end.
+    pub fn carry(&mut self) -> impl Future<Output = Result<(), WireStop>> {
         // Prepared when the body is made: off the real-time path, on its thread. If it fails, the
         // first wait fails too and reports it; a file that is never waited for does not need it.
         let _ = luna_executors::prepare_files();
@@ -164,15 +165,15 @@ impl<T: FromBytes + Send> Process for Input<T> {
     }
 
     /// Closes the file.
-    fn post_run(&mut self) {
+    pub fn close(&mut self) {
         self.device = None;
     }
 }
 
 /// A link ends well when no other end of its channel is left.
-pub(super) fn unless_closed(pumped: Result<()>) -> Result<()> {
+pub(super) fn unless_closed(pumped: Result<(), WireStop>) -> Result<(), WireStop> {
     match pumped {
-        Err(Error::Closed) => Ok(()),
+        Err(WireStop::Ended(ChannelEnd::Closed)) => Ok(()),
         pumped => pumped,
     }
 }
@@ -181,7 +182,7 @@ async fn pump<T: FromBytes + Send>(
     device: &mut Device,
     splitter: &mut Splitter,
     sender: &Sender<T>,
-) -> Result<()> {
+) -> Result<(), WireStop> {
     let mut ended = pin!(sender.ended());
     let mut is_at_end = false;
     loop {
@@ -206,8 +207,16 @@ async fn pump<T: FromBytes + Send>(
             Ok(value) => value,
             Err(fault) => T::from_bad(splitter.bad(fault)).map_err(LinkError::Record)?,
         };
-        sender.send(value).await?;
+        sender.send(value).await.map_err(refused)?;
     }
+}
+
+/// Why a value was not sent.
+fn refused<T>(error: SendError<T>) -> WireStop {
+    WireStop::Ended(match error.poisoned {
+        true => ChannelEnd::Poisoned,
+        false => ChannelEnd::Closed,
+    })
 }
 
 luna_platform::debug_fields!(
