@@ -25,7 +25,6 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
-pub use crate::deployment::{DeploymentReport, Override};
 pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
 pub use crate::safety::report::SafetyReport;
@@ -35,6 +34,7 @@ pub use crate::time::late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstea
 pub use crate::time::manager::{CallbackReport, TimersReport};
 pub use crate::time::stamp::StampReport;
 pub use crate::time::statistics::LoopReport;
+pub use luna_config::deployment::{DeploymentReport, Override};
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;
 #[cfg(feature = "logger")]

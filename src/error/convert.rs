@@ -8,6 +8,7 @@ use luna_channels as channels;
 use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
 };
+use luna_config::deployment::DeploymentError;
 use luna_executors::Nested;
 use luna_platform::memory::HeapError;
 use luna_platform::signals::SignalError;
@@ -82,6 +83,7 @@ from! {
 
     AttributeError { error => SetupError::Attributes(error).into() }
     Nested { Nested => SetupError::Nested.into() }
+    DeploymentError { error => SetupError::from(error).into() }
     channels::BufferError { error => SetupError::system(error).into() }
     HeapError { error => SetupError::system(error).into() }
     SignalError { error => SetupError::system(error).into() }
@@ -110,6 +112,15 @@ from! {
     #[cfg(feature = "logger")]
     luna_logger::StartError { error => Error::other(error) }
     std::io::Error { error => Error::other(error) }
+}
+
+impl From<DeploymentError> for SetupError {
+    fn from(error: DeploymentError) -> SetupError {
+        match error {
+            DeploymentError::File { path, message } => SetupError::DeploymentFile { path, message },
+            DeploymentError::Wrong(problem) => SetupError::Deployment(problem),
+        }
+    }
 }
 
 impl SetupError {

@@ -18,7 +18,7 @@ mod convert;
 mod setup;
 mod several;
 
-pub use crate::file::Problem;
+pub use luna_config::file::Problem;
 pub use setup::SetupError;
 pub(crate) use several::Failures;
 pub use several::{Errors, Several};

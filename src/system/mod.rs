@@ -18,8 +18,7 @@
 //! ```
 
 pub(crate) mod announcement;
-pub(crate) mod arguments;
-mod builder;
+pub(crate) mod builder;
 mod clock;
 mod compose;
 mod conclusion;
@@ -27,7 +26,6 @@ pub(crate) mod deadlock;
 mod deployment;
 mod launch;
 mod neighbours;
-mod parameters;
 mod pending_errors;
 pub(crate) mod plan;
 mod quiescence;
@@ -54,7 +52,7 @@ use crate::time::{TimerManager, Timers};
 pub(crate) use launch::Opening;
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
-pub(crate) use plan::{Member, Phase, Plan};
+pub(crate) use plan::{Member, Plan};
 use std::sync::Arc;
 
 /// A machine's software: executors and OS threads, the processes on them, and what to do in an

@@ -13,15 +13,15 @@ use super::register::Register;
 use super::stand_in::StandIns;
 use crate::csp::composition::ThreadPart;
 use crate::csp::tree::Tree;
-use crate::deployment::{self, Deployment};
 use crate::error::{Error, Result, SetupError};
-use crate::file;
 use crate::log::{Asked, Log};
 use crate::notice::notice;
-use crate::parameters::Store;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
 use crate::time::{Manager, StampState};
+use luna_config::deployment::{self, Deployment};
+use luna_config::file;
+use luna_config::parameters::Store;
 use luna_platform::thread::Attributes;
 use luna_replay::session::SessionPlan;
 use std::collections::HashSet;
@@ -48,7 +48,7 @@ pub(crate) struct Plan {
     deployment: OnceLock<Option<Arc<Deployment>>>,
     pub(crate) log: Log,
     /// A call of the set-up, or of `run`, has returned an error.
-    was_refused: AtomicBool,
+    pub(crate) was_refused: AtomicBool,
 }
 
 // No user code runs under its locks, and what they guard is whole between two statements. So code

@@ -3,7 +3,11 @@
 /// Takes the options of these `names`, each with a value behind it or behind `=`, out of a
 /// program's arguments, and gives them to `take`. Returns the others, in their order. What follows
 /// `--` are no options.
-pub(crate) fn take_options<E>(
+///
+/// # Errors
+///
+/// The first of `take`.
+pub fn take_options<E>(
     arguments: impl IntoIterator<Item = String>,
     names: &[&'static str],
     mut take: impl FnMut(&'static str, String) -> Result<(), E>,

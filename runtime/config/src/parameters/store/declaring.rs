@@ -109,7 +109,7 @@ impl Store {
 
     /// What a loop of `process` is to take, if that has parameters. O(processes that have). No
     /// allocation.
-    pub(crate) fn reader(&self, process: ProcessId) -> Option<Arc<Reader>> {
+    pub fn reader(&self, process: ProcessId) -> Option<Arc<Reader>> {
         let readers = self.readers.lock();
         let found = readers
             .iter()

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// An error in a TOML file that a person writes: a [system file](crate::System::deployment_from), a
+/// An error in a TOML file that a person writes: a system file, a
 /// model.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}:{line}:{column}: {message}: `{value}`; {advice}")]
@@ -73,19 +73,14 @@ impl<'a> Source<'a> {
 }
 
 /// The file that an environment variable names, if it names one.
-pub(crate) fn of_environment(variable: &str) -> Option<PathBuf> {
+pub fn of_environment(variable: &str) -> Option<PathBuf> {
     let path = std::env::var_os(variable)?;
     (!path.is_empty()).then(|| path.into())
 }
 
 /// Advice that names the nearest of the names that are there.
 pub fn nearest<'n>(name: &str, known: impl Iterator<Item = &'n str> + Clone) -> String {
-    let close = known
-        .clone()
-        .map(|other| (strsim::damerau_levenshtein(name, other), other))
-        .filter(|(distance, other)| *distance <= 1 + other.len() / 4)
-        .min();
-    if let Some((_, other)) = close {
+    if let Some(other) = crate::nearest::nearest(name, known.clone()) {
         return format!("is `{other}` meant?");
     }
     let known: Vec<&str> = known.take(12).collect();

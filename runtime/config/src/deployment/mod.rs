@@ -1,18 +1,16 @@
 //! A system file: what it states about executors, processes and loops goes over what the program
 //! states. Read before the start; `docs/system-file.md` describes the file.
 
+mod budgets;
 mod read;
 mod report;
 mod stated;
 mod threads;
 
+pub use budgets::{Budgets, OnOverrun};
 pub use report::{DeploymentReport, Override};
 
-use crate::error::SetupError;
 use crate::file::{Problem, Source, nearest};
-use crate::safety::{Budgets, OnOverrun};
-use crate::system::plan::{Placement, ProcessPlan, Settings};
-use luna_executors::ProcessSpec;
 use luna_platform::clock::nanos;
 use stated::{At, Named, Stated};
 use std::collections::BTreeMap;
@@ -22,10 +20,29 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// The variable of the environment that names a file.
-pub(crate) const VARIABLE: &str = "LUNA_DEPLOYMENT";
+pub const VARIABLE: &str = "LUNA_DEPLOYMENT";
+
+/// The most bytes of a loop's name.
+pub const LONGEST_LOOP_NAME: usize = 63;
+
+/// Why a system file cannot be followed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum DeploymentError {
+    /// It cannot be read.
+    #[error("{path}: {message}")]
+    File {
+        /// Its path.
+        path: String,
+        /// The system's error.
+        message: String,
+    },
+    /// Something is wrong in it.
+    #[error("{0}")]
+    Wrong(Box<Problem>),
+}
 
 /// The file of one system, and what it has changed.
-pub(crate) struct Deployment {
+pub struct Deployment {
     name: String,
     text: String,
     /// What errors say of a file that the environment names.
@@ -49,12 +66,16 @@ struct Done {
 
 impl Deployment {
     /// Of the system whose name is given, if the environment names the file.
-    pub(crate) fn read(path: &Path, system: Option<&str>) -> Result<Self, SetupError> {
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read, or something is wrong in it.
+    pub fn read(path: &Path, system: Option<&str>) -> Result<Self, DeploymentError> {
         let name = path.display().to_string();
         let named_by = system.map_or(String::new(), |system| {
             format!("; {VARIABLE} names this file, also for the system `{system}`")
         });
-        let unreadable = |message: String| SetupError::DeploymentFile {
+        let unreadable = |message: String| DeploymentError::File {
             path: name.clone(),
             message: message + &named_by,
         };
@@ -86,7 +107,7 @@ impl Deployment {
         self.done.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn problem<T>(&self, at: &At<T>, message: &str, advice: impl Into<String>) -> SetupError {
+    fn problem<T>(&self, at: &At<T>, message: &str, advice: impl Into<String>) -> DeploymentError {
         let problem = self.source().problem(at.span.clone(), message, advice);
         in_setup(problem, &self.named_by)
     }
@@ -108,7 +129,7 @@ impl Deployment {
     }
 
     /// An executor was made: the next one.
-    pub(crate) fn enter_executor(&self, name: &str) {
+    pub fn enter_executor(&self, name: &str) {
         self.done().executors.push(name.to_owned());
     }
 
@@ -122,22 +143,26 @@ impl Deployment {
     }
 
     /// A process as the file has it. If the file names an executor for it that is not made yet,
-    /// [`settle`](Self::settle) places the process later.
-    pub(crate) fn process(
+    /// [`settle`](Self::settle) places the process later. `executor` is the number of its own, if
+    /// it has no thread for itself.
+    ///
+    /// # Errors
+    ///
+    /// What cannot be.
+    pub fn process(
         &self,
-        spec: &ProcessSpec,
+        name: &str,
         level: &mut u8,
-        place: &mut Placement,
+        executor: Option<&mut usize>,
         budgets: &mut Option<Box<Budgets>>,
-    ) -> Result<(), SetupError> {
-        let name = &**spec.name();
+    ) -> Result<(), DeploymentError> {
         self.enter_process(name);
         let Some(stated) = find(&self.stated.processes, name) else {
             return Ok(());
         };
         let of = format!("process `{name}`");
         if let Some(at) = &stated.priority {
-            if matches!(place, Placement::Thread(_)) {
+            if executor.is_none() {
                 let message = "this process has a thread of its own, where this does nothing";
                 let advice = "write the policy of the thread below `[executor]`";
                 return Err(self.problem(at, message, advice));
@@ -146,7 +171,7 @@ impl Deployment {
             *level = at.value;
         }
         if let Some(at) = &stated.on {
-            self.place(at, &of, place)?;
+            self.place(at, &of, executor)?;
         }
         let shown = |time: Option<Duration>| time.map_or("none".to_owned(), written);
         if let Some(at) = &stated.poll_budget {
@@ -173,8 +198,13 @@ impl Deployment {
     }
 
     /// Places a process on the executor that the file names, if that is there.
-    fn place(&self, at: &At<String>, of: &str, place: &mut Placement) -> Result<(), SetupError> {
-        let Placement::Executor(number) = place else {
+    fn place(
+        &self,
+        at: &At<String>,
+        of: &str,
+        executor: Option<&mut usize>,
+    ) -> Result<(), DeploymentError> {
+        let Some(number) = executor else {
             let message = "this process has a thread of its own, since it may block";
             let advice = "leave `on` out, or spawn the process on an executor";
             return Err(self.problem(at, message, advice));
@@ -192,29 +222,29 @@ impl Deployment {
         Ok(())
     }
 
-    /// As the system starts: settings, processes of executors that came later, and names that
-    /// nothing has.
-    pub(crate) fn settle(
+    /// As the system starts: settings, processes of executors that came later (each with the number
+    /// of its own), and names that nothing has.
+    ///
+    /// # Errors
+    ///
+    /// What cannot be.
+    pub fn settle<'p>(
         &self,
-        settings: &mut Settings,
-        waiting: &mut [ProcessPlan],
-    ) -> Result<(), SetupError> {
-        for process in waiting {
-            let found = find(&self.stated.processes, process.name());
+        strict: &mut bool,
+        lock_memory: &mut bool,
+        waiting: impl IntoIterator<Item = (&'p str, Option<&'p mut usize>)>,
+    ) -> Result<(), DeploymentError> {
+        for (name, executor) in waiting {
+            let found = find(&self.stated.processes, name);
             let Some(at) = found.and_then(|found| found.on.as_ref()) else {
                 continue;
             };
-            let of = format!("process `{}`", process.name());
-            self.place(at, &of, &mut process.place)?;
+            self.place(at, &format!("process `{name}`"), executor)?;
         }
         self.check_names()?;
         let flags = [
-            ("strict", &self.stated.strict, &mut settings.strict),
-            (
-                "lock_memory",
-                &self.stated.lock_memory,
-                &mut settings.lock_memory,
-            ),
+            ("strict", &self.stated.strict, strict),
+            ("lock_memory", &self.stated.lock_memory, lock_memory),
         ];
         for (key, stated, setting) in flags {
             if let Some(at) = stated {
@@ -226,7 +256,7 @@ impl Deployment {
     }
 
     /// Whether the program has all that the file names.
-    fn check_names(&self) -> Result<(), SetupError> {
+    fn check_names(&self) -> Result<(), DeploymentError> {
         let mut done = self.done();
         done.is_settled = true;
         let processes = std::mem::take(&mut done.processes);
@@ -253,7 +283,7 @@ impl Deployment {
     }
 
     /// The period of a loop. Allocates nothing; O(loops in the file).
-    pub(crate) fn period(&self, name: &str, period: Duration) -> Duration {
+    pub fn period(&self, name: &str, period: Duration) -> Duration {
         let Some(found) = find(&self.stated.loops, name) else {
             return period;
         };
@@ -262,7 +292,7 @@ impl Deployment {
     }
 
     /// What the file has changed, in its order.
-    pub(crate) fn report(&self) -> DeploymentReport {
+    pub fn report(&self) -> DeploymentReport {
         let mut overrides = self.done().overrides.clone();
         for (name, one) in &self.stated.loops {
             let at = &one.period;
@@ -287,11 +317,11 @@ impl Deployment {
 }
 
 /// A problem of a file, and what named the file.
-fn in_setup(mut problem: Problem, named_by: &str) -> SetupError {
+fn in_setup(mut problem: Problem, named_by: &str) -> DeploymentError {
     if !named_by.is_empty() {
         problem.advice = format!("{}{named_by}", problem.advice).into();
     }
-    SetupError::Deployment(Box::new(problem))
+    DeploymentError::Wrong(Box::new(problem))
 }
 
 fn find<'s, T>(all: &'s [Named<T>], name: &str) -> Option<&'s T> {
@@ -322,3 +352,5 @@ fn word(policy: OnOverrun) -> &'static str {
     let found = WORDS.iter().find(|(_, known)| *known == policy);
     found.map_or("", |(word, _)| word)
 }
+
+luna_platform::debug_fields!(Deployment, |deployment| name: deployment.name);

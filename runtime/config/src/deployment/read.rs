@@ -16,10 +16,9 @@ pub(super) fn read(source: Source<'_>) -> Result<Result<Stated, Problem>, String
 
 #[cfg(feature = "toml")]
 mod toml {
-    use crate::deployment::WORDS;
     use crate::deployment::stated::{At, Loop, Named, Process, Stated, Thread};
+    use crate::deployment::{LONGEST_LOOP_NAME, WORDS};
     use crate::file::{self, Entry, MAX_PRIORITY, Problem, Source, entries, parse};
-    use crate::time::LoopName;
     use luna_platform::spin::LONGEST;
     use luna_platform::thread::{MAXIMUM_STACK_SIZE, MINIMUM_STACK_SIZE};
     use std::sync::atomic::AtomicU64;
@@ -132,7 +131,7 @@ mod toml {
         let wrong = |message: &str, advice: String| {
             Err(entry.source.problem(entry.key_span(), message, advice))
         };
-        let most = LoopName::new().capacity();
+        let most = LONGEST_LOOP_NAME;
         if entry.key.len() > most {
             let advice = format!("it has at most {most} bytes");
             return wrong("no loop has a name as long", advice);

@@ -3,19 +3,18 @@
 use super::cells::Cells;
 use super::error::DeclareError;
 use super::form::Form;
-use super::store::Declared;
+use super::store::{Declared, Store};
 use super::types::{Number, Tunable};
 use super::value::Value;
-use crate::system::Plan;
 use luna_core::current::ProcessId;
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// A value that is set from outside, and read on the real-time path: see [`parameters`](super).
 ///
-/// Declared with [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter), and moved
+/// Declared with `ProcessBuilder::parameter`, and moved
 /// into the process' body, as a channel's end is. Clones are the same parameter. Elsewhere than in
 /// the process that it was declared for, a handle reads what that process has taken.
 ///
@@ -67,7 +66,7 @@ impl<T: Tunable> Parameter<T> {
     }
 
     /// Takes the latest set, for all parameters of the process: for a process without a
-    /// [loop](crate::periodic), since a loop's `next` does it.
+    /// loop, since a loop's `next` does it.
     ///
     /// Real-time path: yes. No allocation: a load, and if there is a new set O(the process'
     /// parameters) under a lock, which a set holds as long. Elsewhere than in the process that the
@@ -90,11 +89,13 @@ impl<T> Clone for Parameter<T> {
 luna_platform::debug_fields!(impl[T] Parameter<T>, |parameter| name: parameter.cells.name());
 
 /// A parameter to be: see
-/// [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter).
+/// `ProcessBuilder::parameter`.
 #[must_use = "a parameter is declared by `register`"]
 #[derive(Clone)]
 pub struct ParameterBuilder<'a, T> {
-    plan: &'a Plan,
+    store: &'a Store,
+    /// Set when it is refused.
+    refused: &'a AtomicBool,
     /// The process that it is declared for, by number and name.
     process: (ProcessId, &'a str),
     declared: Declared,
@@ -102,8 +103,10 @@ pub struct ParameterBuilder<'a, T> {
 }
 
 impl<'a, T: Tunable> ParameterBuilder<'a, T> {
-    pub(crate) fn new(
-        plan: &'a Plan,
+    #[doc(hidden)]
+    pub fn new(
+        store: &'a Store,
+        refused: &'a AtomicBool,
         process: (ProcessId, &'a str),
         name: &str,
         default: T,
@@ -121,7 +124,8 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
             is_shared: false,
         };
         Self {
-            plan,
+            store,
+            refused,
             process,
             declared,
             has: PhantomData,
@@ -170,8 +174,9 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
     /// that is too long; a range or a default that makes no sense. A value of the file that is out
     /// of range is no error of this: the start fails with all of those.
     pub fn register(self) -> Result<Parameter<T>, DeclareError> {
-        let plan = self.plan;
-        self.declare().inspect_err(|_| plan.note_refusal())
+        let refused = self.refused;
+        self.declare()
+            .inspect_err(|_| refused.store(true, Ordering::Relaxed))
     }
 
     fn declare(mut self) -> Result<Parameter<T>, DeclareError> {
@@ -196,8 +201,7 @@ impl<'a, T: Tunable> ParameterBuilder<'a, T> {
             reason,
         })?;
         let (process, its_name) = self.process;
-        let parameters = &self.plan.parameters;
-        let cells = parameters.declare(self.declared, process, its_name)?;
+        let cells = self.store.declare(self.declared, process, its_name)?;
         Ok(Parameter {
             cells,
             has: PhantomData,

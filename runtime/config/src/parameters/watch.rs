@@ -2,18 +2,19 @@
 //! nothing else.
 
 use super::error::SetError;
+use super::sources::{self, Given};
 use super::store::Store;
-use crate::notice::notice;
 use luna_platform::signals;
 use luna_platform::thread::{Attributes, Policy, SpawnError, spawn};
 use std::convert::Infallible;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, SystemTime};
 
 /// Looks now and then whether the file has changed, as long as it is there.
-pub(crate) struct FileWatch {
+pub struct FileWatch {
     /// The thread ends when it is dropped, or when the file answers.
     _ends: mpsc::Sender<()>,
 }
@@ -65,8 +66,13 @@ impl Changes {
 }
 
 impl FileWatch {
-    /// None if there is no file, or no thread to be had, which is reported.
-    pub(crate) fn start(store: &Arc<Store>, every: Duration) -> Option<Self> {
+    /// None if there is no file, or no thread to be had. That, and what is wrong with a file, goes
+    /// to `report`.
+    pub fn start(
+        store: &Arc<Store>,
+        every: Duration,
+        report: fn(fmt::Arguments<'_>),
+    ) -> Option<Self> {
         let read = store.stamp();
         let mut looks = Looks {
             file: store.file()?,
@@ -87,13 +93,15 @@ impl FileWatch {
                     if let Err(error) = looked
                         && ended.try_recv() != Err(mpsc::TryRecvError::Disconnected)
                     {
-                        notice!("luna: {error}");
+                        report(format_args!("luna: {error}"));
                     }
                 }
             },
         );
         if let Err(error) = started.map_err(|error: SpawnError<Infallible>| error.to_string()) {
-            notice!("luna: changes of the parameters' file are not seen: {error}");
+            report(format_args!(
+                "luna: changes of the parameters' file are not seen: {error}"
+            ));
             return None;
         }
         Some(Self { _ends: ends })
@@ -116,8 +124,28 @@ impl Looks {
     }
 }
 
+/// The values of a file, and which file it was.
+#[derive(Debug)]
+pub struct FileValues {
+    pub(super) values: Vec<Given>,
+    pub(super) stamp: Option<Stamp>,
+}
+
+/// Reads a file of parameters.
+///
+/// # Errors
+///
+/// [`SetError::File`].
+pub fn read(file: &Path) -> Result<FileValues, SetError> {
+    let stamp = stamp(file);
+    let values = sources::read(file)?;
+    Ok(FileValues { values, stamp })
+}
+
+luna_platform::debug_fields!(FileWatch);
+
 /// None if there is no such file, or its metadata cannot be read.
-pub(super) fn stamp(file: &Path) -> Option<Stamp> {
+fn stamp(file: &Path) -> Option<Stamp> {
     let about = std::fs::metadata(file).ok()?;
     #[cfg(unix)]
     let number = std::os::unix::fs::MetadataExt::ino(&about);

@@ -1,8 +1,8 @@
 //! What values a parameter can have, and how they lie in words.
 
 use super::error::Reason;
-use super::nearest::nearest;
 use super::value::Value;
+use crate::nearest::nearest;
 use std::fmt;
 use std::sync::Arc;
 

@@ -7,24 +7,22 @@ mod setting;
 use super::cells::{Cells, Reader};
 use super::error::{Reason, Refusal, SetError, Source};
 use super::form::Form;
-use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
-use super::watch::{self, Stamp};
-use crate::error::Result;
+use super::watch::{FileValues, Stamp};
 use crate::file::of_environment;
-use crate::log::{Level, Log, message};
+use crate::nearest::nearest;
 use crate::parameters::handle::Info;
-use crate::system::{Opening, Phase};
 use luna_core::current;
-use luna_platform::clock::Clock;
 use luna_platform::lock::PiLock;
 use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The parameters of a system.
-pub(crate) struct Store {
+pub struct Store {
     system: String,
     state: Mutex<State>,
     /// For loops that begin: by their processes.
@@ -48,8 +46,19 @@ struct State {
     /// How many sets were taken since the start.
     sets: u64,
     is_replay: bool,
-    log: Option<Log>,
-    clock: Option<Clock>,
+    /// While the system runs.
+    notify: Option<Notify>,
+}
+
+/// Writes a message about a set, if messages are kept.
+pub type Notify = Box<dyn Fn(fmt::Arguments<'_>) + Send>;
+
+#[derive(Default, PartialEq, Eq)]
+enum Phase {
+    #[default]
+    Described,
+    Running,
+    Ended,
 }
 
 /// What a parameter is declared as.
@@ -110,8 +119,13 @@ impl Group {
     }
 }
 
+// Nothing of the user's runs under its locks, and what they guard is whole between two statements.
+impl UnwindSafe for Store {}
+impl RefUnwindSafe for Store {}
+
 impl Store {
-    pub(crate) fn new(system: &str) -> Arc<Self> {
+    /// Of the system of this name.
+    pub fn new(system: &str) -> Arc<Self> {
         Arc::new(Self {
             system: system.to_owned(),
             state: Mutex::default(),
@@ -124,7 +138,7 @@ impl Store {
     }
 
     /// Names the file to read at the start.
-    pub(crate) fn read_from(&self, file: PathBuf) {
+    pub fn read_from(&self, file: PathBuf) {
         self.state().file = Some(file);
     }
 
@@ -147,15 +161,18 @@ impl Store {
         (file.or_else(|| of_environment(sources::FILE)), given)
     }
 
-    /// Reads what the parameters of a system that starts are to be. Gives that, as a recording is
-    /// to keep it; `recorded` takes its place in a replay.
-    pub(crate) fn begin(
+    /// What the parameters of a system that starts are to be. Gives that, as a recording is to keep
+    /// it: `recorded` in a replay, else what the `file` has, the environment and the program.
+    ///
+    /// # Errors
+    ///
+    /// [`SetError::Syntax`] of the environment.
+    pub fn begin(
         &self,
-        log: &Log,
-        clock: &Clock,
         recorded: Option<&[(String, String)]>,
-        opening: &Opening,
-    ) -> Result<Vec<(String, String)>> {
+        file: Option<FileValues>,
+        notify: Notify,
+    ) -> Result<Vec<(String, String)>, SetError> {
         let mut refused = Vec::new();
         let mut stamp = None;
         let wishes = match recorded {
@@ -168,22 +185,12 @@ impl Store {
                 merge([given.collect()], &mut refused)
             }
             None => {
-                let (file, given) = self.sources();
-                let file = match file {
-                    Some(path) => {
-                        let what = format!("read the parameters `{}`", path.display());
-                        let read = opening.wait_for(what, move || {
-                            let stamp = watch::stamp(&path);
-                            sources::read(&path).map(|values| (stamp, values))
-                        });
-                        let values;
-                        (stamp, values) = read??;
-                        values
-                    }
-                    None => Vec::new(),
-                };
+                let mut of_file = Vec::new();
+                if let Some(file) = file {
+                    (stamp, of_file) = (file.stamp, file.values);
+                }
                 let environment = sources::values_of_environment()?;
-                merge([file, environment, given], &mut refused)
+                merge([of_file, environment, self.sources().1], &mut refused)
             }
         };
         let kept = wishes
@@ -196,14 +203,17 @@ impl Store {
         state.refused = refused;
         state.give_wishes();
         state.is_replay = recorded.is_some();
-        state.log = Some(log.clone());
-        state.clock = Some(clock.clone());
+        state.notify = Some(notify);
         Ok(kept)
     }
 
     /// All processes of the start are spawned: every value must belong to a declared parameter, and
     /// be one that it can have.
-    pub(crate) fn all_declared(&self) -> std::result::Result<(), SetError> {
+    ///
+    /// # Errors
+    ///
+    /// [`SetError::Refused`] with those that do not.
+    pub fn all_declared(&self) -> Result<(), SetError> {
         let mut state = self.state();
         let mut refused = std::mem::take(&mut state.refused);
         let wishes = std::mem::take(&mut state.wishes);
@@ -220,11 +230,10 @@ impl Store {
     }
 
     /// The system has ended.
-    pub(crate) fn end(&self) {
+    pub fn end(&self) {
         let mut state = self.state();
         state.phase = Phase::Ended;
-        state.log = None;
-        state.clock = None;
+        state.notify = None;
     }
 
     /// Of the file, before the start has read it.
@@ -233,7 +242,7 @@ impl Store {
     }
 
     /// The file that is read, if there is one.
-    pub(crate) fn file(&self) -> Option<PathBuf> {
+    pub fn file(&self) -> Option<PathBuf> {
         self.sources().0
     }
 }
@@ -288,13 +297,9 @@ impl State {
 
     /// Writes a message for each parameter that `changed` gives the former words of.
     pub(super) fn notify(&self, mut changed: impl FnMut(&Entry) -> Option<Box<[u64]>>) {
-        let (Some(log), Some(clock)) = (&self.log, &self.clock) else {
+        let Some(notify) = &self.notify else {
             return;
         };
-        if !log.is_recording() {
-            return;
-        }
-        let (_log, _clock) = (log.enter(), clock.enter());
         for entry in &self.entries {
             if let Some(former) = changed(entry) {
                 let Declared {
@@ -312,15 +317,13 @@ impl State {
                 } else {
                     (" (", ")")
                 };
-                message(
-                    Level::Info,
-                    "parameters",
-                    format_args!(
-                        "set {}: {name} {before} -> {after}{space}{unit}{open}{from}{close}",
-                        self.sets
-                    ),
-                );
+                notify(format_args!(
+                    "set {}: {name} {before} -> {after}{space}{unit}{open}{from}{close}",
+                    self.sets
+                ));
             }
         }
     }
 }
+
+luna_platform::debug_fields!(Store, |store| system: store.system);

@@ -8,7 +8,7 @@ use std::fmt;
 use std::sync::Arc;
 
 /// The parameters of a system, to look at and to replace: from
-/// [`System::parameters`](crate::System::parameters).
+/// `System::parameters`.
 ///
 /// For threads beside the processes: a console, a scope. Not for the real-time path: its functions
 /// allocate, and take a plain lock, which no process on the real-time path waits for; a process
@@ -50,7 +50,8 @@ use std::sync::Arc;
 pub struct Parameters(Arc<Store>);
 
 impl Parameters {
-    pub(crate) fn new(store: Arc<Store>) -> Self {
+    #[doc(hidden)]
+    pub fn new(store: Arc<Store>) -> Self {
         Self(store)
     }
 
@@ -95,7 +96,7 @@ impl Parameters {
     }
 
     /// Reads the file again: then all parameters have the values that a start would give them, as
-    /// one set. The environment and [`set_parameter`](crate::System::set_parameter) override the
+    /// one set. The environment and `set_parameter` override the
     /// file, a parameter in neither has its default, and what [`set`](Self::set) made is gone. To
     /// change the file, write another and rename it: of a file that is written in place, a part may
     /// be read.

@@ -1,6 +1,6 @@
 //! What a file states, with where each value stands.
 
-use crate::safety::OnOverrun;
+use super::budgets::OnOverrun;
 use luna_platform::thread::Policy;
 use std::ops::Range;
 use std::sync::atomic::AtomicU64;

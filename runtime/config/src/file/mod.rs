@@ -1,4 +1,5 @@
-//! Reading TOML files that people write: system files here, models in `luna-model`. Each error has
+//! Reading TOML files that people write: system files here, models in
+//! `luna-model`. Each error has
 //! its line and column, what stands there, and what to do. For LUNA's own crates: it may change
 //! with each release.
 
@@ -8,8 +9,7 @@ mod table;
 #[cfg(feature = "toml")]
 mod values;
 
-pub(crate) use problem::of_environment;
-pub use problem::{Problem, Source, nearest};
+pub use problem::{Problem, Source, nearest, of_environment};
 #[cfg(feature = "toml")]
 pub use table::{Entry, entries, parse};
 #[cfg(feature = "toml")]

@@ -9,15 +9,12 @@
 
 use luna_core::current;
 use luna_platform::lock::PiLock;
-use luna_replay::{
-    self as replay,
-    log::{LONGEST, input_bytes},
-};
+use luna_replay::log::{LONGEST, input_bytes};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// The parameters of a process, which it takes all together.
-pub(crate) struct Reader {
+pub struct Reader {
     /// The process: 0 is none.
     pub(super) process: u32,
     pub(super) name: Arc<str>,
@@ -72,7 +69,7 @@ impl Reader {
     /// Takes the latest values, if it is the reader's process that asks. O(1) without a new set,
     /// else O(words).
     #[inline]
-    pub(crate) fn latch(&self) {
+    pub fn latch(&self) {
         if is_current(self.process) {
             match current::has_replay_log() {
                 true => self.latch_with_log(),
@@ -101,7 +98,7 @@ impl Reader {
     /// Latches a set that is recorded or replayed.
     #[cold]
     fn latch_with_log(&self) {
-        if replay::input("parameters", || self.take_offer()) {
+        if luna_replay::input("parameters", || self.take_offer()) {
             self.words.lock().iter().for_each(|words| words.note());
         }
     }
@@ -174,3 +171,5 @@ impl Words {
         }
     }
 }
+
+luna_platform::debug_fields!(Reader, |reader| name: reader.name);

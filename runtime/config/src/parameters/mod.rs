@@ -2,44 +2,21 @@
 //! path reads.
 //!
 //! A process' [`Parameter`]s are declared where it is described, with
-//! [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter): name, default, unit,
+//! `ProcessBuilder::parameter`: name, default, unit,
 //! range. At the start they get their values from a TOML file
-//! ([`System::parameters_from`](crate::System::parameters_from)), the environment and the command
+//! (`System::parameters_from`), the environment and the command
 //! line. While the system runs, they get them from the file again, or through [`Parameters`]. A set
 //! is taken as a whole: if it has a name that is not declared, or a value out of range, nothing of
 //! it is taken, and the error names each.
 //!
-//! A process sees one set during a whole cycle. [`Periodic::next`](crate::Periodic::next) takes the
+//! A process sees one set during a whole cycle. `Periodic::next` takes the
 //! latest one for all parameters of its process at once; a process without a loop takes it with
 //! [`Parameter::latch`]. Reading is a load, without a lock. `docs/parameters.md` has more.
-//!
-//! ```
-//! use luna::prelude::*;
-//! use std::time::Duration;
-//!
-//! let mut system = System::new("camera");
-//! system.set_parameter("pan/kp", 2.5);
-//! let main = system.executor("main").build()?;
-//! let pan = main.process("pan");
-//! let kp = pan.parameter("pan/kp", 2.0).unit("1/rad").range(0.0..=50.0).description("of the controller").register()?;
-//! let kd = pan.parameter("pan/kd", 0.1).unit("s/rad").range(0.0..=5.0).register()?;
-//! pan.spawn(async move {
-//!     let mut tick = luna::periodic("pan", Duration::from_millis(1))?;
-//!     for _ in 0..10 {
-//!         tick.next().await;
-//!         assert_eq!((kp.get(), kd.get()), (2.5, 0.1));
-//!     }
-//!     Ok(())
-//! })?;
-//! system.run()?;
-//! # Ok::<(), luna::Error>(())
-//! ```
 
 mod cells;
 mod error;
 mod form;
 mod handle;
-mod nearest;
 mod parameter;
 mod sources;
 mod store;
@@ -47,21 +24,21 @@ mod types;
 mod value;
 mod watch;
 
-pub(crate) use cells::Reader;
+pub use cells::Reader;
 pub use error::{DeclareError, Reason, Refusal, SetError, Source};
 pub use handle::{Info, Parameters};
 pub use parameter::{Parameter, ParameterBuilder};
-pub(crate) use store::Store;
+pub use store::{Notify, Store};
 pub use types::{Choice, Number, Tunable};
 pub use value::Value;
-pub(crate) use watch::FileWatch;
+pub use watch::{FileValues, FileWatch, read};
 
-use crate::system::arguments::take_options;
+use crate::arguments::take_options;
 use sources::Given;
 
 impl Store {
     /// Gives a value that comes over that of the file.
-    pub(crate) fn give_value(&self, name: &str, value: Value) {
+    pub fn give_value(&self, name: &str, value: Value) {
         self.give(Given {
             name: name.to_owned(),
             value,
@@ -70,7 +47,11 @@ impl Store {
     }
 
     /// Takes `--parameters FILE` and `--set NAME=VALUE` out of these arguments. Returns the others.
-    pub(crate) fn take_arguments(
+    ///
+    /// # Errors
+    ///
+    /// [`SetError::Syntax`], or no file is named.
+    pub fn take_arguments(
         &self,
         arguments: impl IntoIterator<Item = String>,
     ) -> Result<Vec<String>, SetError> {
@@ -91,7 +72,11 @@ impl Store {
     }
 
     /// Takes `NAME=VALUE`, as if it were behind `--set`.
-    pub(crate) fn take_assignment(&self, text: &str) -> Result<(), SetError> {
+    ///
+    /// # Errors
+    ///
+    /// [`SetError::Syntax`].
+    pub fn take_assignment(&self, text: &str) -> Result<(), SetError> {
         self.give(sources::assignment(text, &Source::Argument)?);
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// The [system file](crate::System::deployment_from) of a run, and what it has changed.
+/// The system file of a run, and what it has changed.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct DeploymentReport {

@@ -49,7 +49,7 @@ impl Store {
         let given = merge([given], &mut refused);
         let set = self.replace(given.into_values(), refused, false)?;
         // Sets of other threads in between are not determined.
-        Ok(crate::replay::input("set of parameters", || set))
+        Ok(luna_replay::input("set of parameters", || set))
     }
 
     fn replace(

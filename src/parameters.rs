@@ -1,8 +1,47 @@
-//! Where a system's parameters come from.
+//! Parameters: numbers and choices that a process declares, files and people set, and the real-time
+//! path reads.
+//!
+//! A process' [`Parameter`]s are declared where it is described, with
+//! [`ProcessBuilder::parameter`](crate::system::ProcessBuilder::parameter): name, default, unit,
+//! range. At the start they get their values from a TOML file
+//! ([`System::parameters_from`](crate::System::parameters_from)), the environment and the command
+//! line. While the system runs, they get them from the file again, or through [`Parameters`]. A set
+//! is taken as a whole: if it has a name that is not declared, or a value out of range, nothing of
+//! it is taken, and the error names each.
+//!
+//! A process sees one set during a whole cycle. [`Periodic::next`](crate::Periodic::next) takes the
+//! latest one for all parameters of its process at once; a process without a loop takes it with
+//! [`Parameter::latch`]. Reading is a load, without a lock. `docs/parameters.md` has more.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use std::time::Duration;
+//!
+//! let mut system = System::new("camera");
+//! system.set_parameter("pan/kp", 2.5);
+//! let main = system.executor("main").build()?;
+//! let pan = main.process("pan");
+//! let kp = pan.parameter("pan/kp", 2.0).unit("1/rad").range(0.0..=50.0).description("of the controller").register()?;
+//! let kd = pan.parameter("pan/kd", 0.1).unit("s/rad").range(0.0..=5.0).register()?;
+//! pan.spawn(async move {
+//!     let mut tick = luna::periodic("pan", Duration::from_millis(1))?;
+//!     for _ in 0..10 {
+//!         tick.next().await;
+//!         assert_eq!((kp.get(), kd.get()), (2.5, 0.1));
+//!     }
+//!     Ok(())
+//! })?;
+//! system.run()?;
+//! # Ok::<(), luna::Error>(())
+//! ```
 
-use super::System;
+pub use luna_config::parameters::{
+    Choice, DeclareError, Info, Number, Parameter, ParameterBuilder, Parameters, Reason, Refusal,
+    SetError, Source, Tunable, Value,
+};
+
+use crate::System;
 use crate::error::Result;
-use crate::parameters::{Parameters, Value};
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -2,7 +2,7 @@
 
 /// The name that is nearest to `wrong`, if one is near: fewest letters to insert, leave out,
 /// replace, or exchange for their neighbour.
-pub(super) fn nearest<'a>(
+pub(crate) fn nearest<'a>(
     wrong: &str,
     names: impl IntoIterator<Item = &'a str>,
 ) -> Option<&'a str> {

@@ -1,17 +1,20 @@
 //! What a file states about executors and threads.
 
 use super::stated::Thread;
-use super::{Deployment, find, written};
-use crate::error::SetupError;
+use super::{Deployment, DeploymentError, find, written};
 use luna_platform::thread::{Attributes, HIGHEST_USER_PRIORITY};
 
 impl Deployment {
     /// The attributes of an executor or a thread as the file has them.
-    pub(crate) fn thread(
+    ///
+    /// # Errors
+    ///
+    /// What cannot be.
+    pub fn thread(
         &self,
         mut attributes: Attributes,
         is_shared: bool,
-    ) -> Result<Attributes, SetupError> {
+    ) -> Result<Attributes, DeploymentError> {
         let name = attributes.name().to_owned();
         self.enter_thread(&name);
         let Some(stated) = find(&self.stated.threads, &name) else {
@@ -52,7 +55,7 @@ impl Deployment {
         stated: &Thread,
         attributes: &Attributes,
         is_shared: bool,
-    ) -> Result<(), SetupError> {
+    ) -> Result<(), DeploymentError> {
         if !attributes.asked_policy().is_deadline() {
             return Ok(());
         }
@@ -83,14 +86,14 @@ impl Deployment {
     }
 
     /// The machine lacks the core of a thread: whether the file asked for it.
-    pub(crate) fn lacks_core(&self, thread: &str, available: &[usize]) -> Option<SetupError> {
+    pub fn lacks_core(&self, thread: &str, available: &[usize]) -> Option<DeploymentError> {
         let at = find(&self.stated.threads, thread)?.core.as_ref()?;
         let advice = format!("write one of {available:?}, or `\"any\"`");
         Some(self.problem(at, "this machine has no such core", advice))
     }
 
     /// The program has an executor or a thread of this name.
-    pub(crate) fn enter_thread(&self, name: &str) {
+    pub fn enter_thread(&self, name: &str) {
         let threads = &mut self.done().threads;
         if !threads.iter().any(|known| known == name) {
             threads.push(name.to_owned());
