@@ -44,9 +44,9 @@ pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::usage::ThreadUsage;
 pub use luna_replay::RecordReport;
 
-use crate::system::deadlock::Deadlock;
 use crate::system::{ClockKind, Member};
 use crate::time::short;
+use luna_error::Deadlock;
 use luna_executors::Exit;
 use luna_platform::signals;
 use luna_platform::thread::Policy;

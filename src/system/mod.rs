@@ -417,7 +417,7 @@ impl System {
     /// ```
     #[cfg(unix)]
     pub fn devices(&self) -> crate::devices::DeviceManager {
-        crate::devices::DeviceManager::new(self.plan.clone())
+        crate::devices::DeviceManager::new(self.plan.devices.clone())
     }
 
     /// The report of the run that has ended, also when it ended in an error.

@@ -2,7 +2,6 @@
 
 use super::announcement::Announcement;
 use super::conclusion::{Ended, conclude};
-use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
 use super::plan::{Members, Phase, Plan, Running};
@@ -19,6 +18,7 @@ use crate::time::ManagerThread;
 use luna_config::parameters::FileWatch;
 use luna_core::current;
 use luna_core::events::code;
+use luna_error::Deadlock;
 use luna_platform::clock::{Clock, Instant, nanos};
 use luna_platform::facts::Source;
 use luna_platform::thread::{HandlerStack, Obtained, above_users};

@@ -7,32 +7,13 @@ mod under_way;
 pub(crate) use ledger::{CycleWatch, Ledger};
 pub(crate) use luna_config::deployment::Budgets;
 pub use luna_config::deployment::OnOverrun;
+pub use luna_error::BudgetKind;
 
 use crate::error::SetupError;
 use crate::time::{UsageSince, short};
 use luna_platform::clock::Instant;
 use std::fmt;
 use std::time::Duration;
-
-/// What a budget is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum BudgetKind {
-    /// The time from when the process gets the processor until it awaits something that is not
-    /// ready yet.
-    Poll,
-    /// The time from when a cycle of one of its loops begins until the loop asks for the next.
-    Cycle,
-}
-
-impl fmt::Display for BudgetKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            BudgetKind::Poll => "poll",
-            BudgetKind::Cycle => "cycle",
-        })
-    }
-}
 
 /// How a process kept a budget.
 #[derive(Debug, Clone, PartialEq, Eq)]

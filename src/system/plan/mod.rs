@@ -40,7 +40,7 @@ pub(crate) struct Plan {
     /// No process can be replaced any more.
     stand_ins_closed: AtomicBool,
     #[cfg(unix)]
-    pub(crate) devices: Arc<crate::devices::Devices>,
+    pub(crate) devices: Arc<luna_devices::Devices>,
     pub(crate) tree: Arc<Tree>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) parameters: Arc<Store>,
@@ -143,20 +143,23 @@ fn duplicate(kind: &'static str, name: &str) -> Error {
 
 impl Plan {
     pub(crate) fn new(name: &str) -> Arc<Self> {
-        Arc::new_cyclic(|plan| Self {
-            name: name.to_owned(),
-            settings: Mutex::default(),
-            members: Mutex::default(),
-            stand_ins: Mutex::default(),
-            stand_ins_closed: AtomicBool::new(false),
-            #[cfg(unix)]
-            devices: Default::default(),
-            tree: Tree::new(),
-            emergency: Emergency::new(plan.clone()),
-            parameters: Store::new(name),
-            deployment: OnceLock::new(),
-            log: Log::new(name),
-            was_refused: AtomicBool::new(false),
+        Arc::new_cyclic(|plan| {
+            let emergency = Emergency::new(plan.clone());
+            Self {
+                name: name.to_owned(),
+                settings: Mutex::default(),
+                members: Mutex::default(),
+                stand_ins: Mutex::default(),
+                stand_ins_closed: AtomicBool::new(false),
+                #[cfg(unix)]
+                devices: luna_devices::Devices::new(emergency.clone()),
+                tree: Tree::new(),
+                emergency,
+                parameters: Store::new(name),
+                deployment: OnceLock::new(),
+                log: Log::new(name),
+                was_refused: AtomicBool::new(false),
+            }
         })
     }
 

@@ -1,17 +1,120 @@
-//! The text of a deadlock.
+//! A deadlock, and its text.
 
-use super::{Deadlock, Operation, Partner, Wait};
-use crate::csp::composition::kind_name;
-use luna_channels::inspect::WaitPointView;
 use std::fmt;
 
-/// A wait point, as an operation of a report names it.
-pub(super) fn place(wait_point: &WaitPointView) -> String {
-    let kind = kind_name(wait_point.kind);
-    match &wait_point.name {
-        Some(name) => format!("{kind} `{name}`"),
-        None => format!("the {kind} made at {}", wait_point.made_at),
-    }
+/// A deadlock: every process of a system waits, and nothing known to the system can wake one of
+/// them.
+///
+/// The system knows of deadlines, files, calls of `blocking`, of processes that
+/// compute or block, and of channels that are marked `external` or were
+/// last used at their other end by a thread outside of the system, before the start too. A process
+/// that waits for anything else (another runtime's channel, say) may be woken by it, so no deadlock
+/// is reported then.
+///
+/// Two things cannot be seen, and must be marked `external()`: an end (or a party of a barrier)
+/// that a thread outside of the system holds and has not used yet; and a channel that a process
+/// waits for together with something outside of LUNA, as in a race of both. A
+/// barrier that a thread of its own (`luna::run`) has come to is
+/// known to have such a party; one with parties in two systems must be marked.
+///
+/// The process that an end belongs to is known once it has used the end. For an unused end the
+/// report names the processes that contain the channel's address in their bodies
+/// ([`Partner::Holders`]): they appear to hold it. An end that lies in a `Vec` or a `Box` is not
+/// found so.
+///
+/// Its `Display` is a line for each wait, and the circle.
+///
+/// ```
+/// use luna::prelude::*;
+/// use luna::Error;
+///
+/// let (a, from_a) = luna::channel::<u32>();
+/// let (b, from_b) = luna::channel::<u32>();
+/// let mut system = System::new("stuck");
+/// system.strict();
+/// let main = system.executor("main").build()?;
+/// main.process("left").spawn(async move {
+///     let n = from_b.recv().await?; // each waits for the other first
+///     a.send(n).await?;
+///     Ok(())
+/// })?;
+/// main.process("right").spawn(async move {
+///     let n = from_a.recv().await?;
+///     b.send(n).await?;
+///     Ok(())
+/// })?;
+/// let Err(Error::Deadlock(deadlock)) = system.run() else { panic!("it ends") };
+/// assert_eq!(deadlock.waits.len(), 2);
+/// assert_eq!(deadlock.waits[0].process, "left");
+/// println!("{deadlock}");
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Deadlock {
+    /// The system's name.
+    pub system: String,
+    /// What the processes wait for: in the order of their spawning, and all that one waits for, if
+    /// it is an alternative or a parallel construct, one after the other.
+    pub waits: Vec<Wait>,
+    /// Processes of which each waits for the next, and the last for the first. Empty where no such
+    /// circle is known.
+    pub cycle: Vec<String>,
+}
+
+/// One of the things that a process waits for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Wait {
+    /// The name of the process that waits.
+    pub process: String,
+    /// To do what.
+    pub operation: Operation,
+    /// Where: the name of the channel, barrier or lock, or where it was made; or the name of the
+    /// process that is awaited at its end.
+    pub at: String,
+    /// The awaited partner, as far as it is known.
+    pub partner: Partner,
+}
+
+/// What a process waits to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Operation {
+    /// To send.
+    Send,
+    /// To receive.
+    Receive,
+    /// To meet others at a barrier.
+    Sync,
+    /// To lock a mutex.
+    Lock,
+    /// To be notified at a condition.
+    Notified,
+    /// To acquire permits of a semaphore.
+    Acquire,
+    /// Waits for the end of another process.
+    Join,
+    /// Nothing: it is in an alternative without an open guard, which is STOP.
+    Stop,
+}
+
+/// The partner that a process waits for: the last user of the other end; the holder of the mutex;
+/// the last process that notified at the condition, or took permits of the semaphore.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Partner {
+    /// For the process of this name, which waits too.
+    Process(String),
+    /// For the process of this name, which has ended.
+    Ended(String),
+    /// The other end is unused so far, and it is not known which process holds it.
+    Nobody,
+    /// The other end is unused so far, but the processes of these names appear to hold it, or one
+    /// of them: the channel's address lies in their bodies. They wait too.
+    Holders(Vec<String>),
+    /// All parties of the barrier that have not arrived.
+    Others,
 }
 
 /// "`a`", or "one of `a`, `b`".
@@ -24,6 +127,16 @@ fn one_of(names: &[String]) -> String {
 }
 
 impl Wait {
+    #[doc(hidden)]
+    pub fn new(process: &str, operation: Operation, at: String, partner: Partner) -> Self {
+        Self {
+            process: process.to_owned(),
+            operation,
+            at,
+            partner,
+        }
+    }
+
     /// What the process does, without its name.
     fn doing(&self) -> String {
         let at = &self.at;
@@ -52,6 +165,15 @@ impl Wait {
 }
 
 impl Deadlock {
+    #[doc(hidden)]
+    pub fn new(system: &str, waits: Vec<Wait>, cycle: Vec<String>) -> Self {
+        Self {
+            system: system.to_owned(),
+            waits,
+            cycle,
+        }
+    }
+
     /// The processes of the circle, each with the wait that is for the next one.
     fn circle(&self) -> Vec<(&str, Option<&Wait>)> {
         let next = self.cycle.iter().cycle().skip(1);

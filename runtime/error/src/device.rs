@@ -1,7 +1,7 @@
 //! Why a device cannot be used.
 
-use crate::error::Error;
-use crate::external::OsError;
+use crate::Error;
+use luna_external::OsError;
 use std::fmt;
 use std::sync::Arc;
 

@@ -1,11 +1,9 @@
 //! An open device, and its users.
 
-use super::error::DeviceError;
-use super::manager::{Devices, Sharing};
-use crate::error::{Error, Result};
-use crate::safety::{Degree, LIMIT, Safety, SafetyFunction};
+use crate::manager::{Devices, Sharing};
 use luna_core::deferred_free::Shared;
 use luna_core::path::off_path;
+use luna_error::{DeviceError, Error, Result};
 use luna_platform::lock::PiLock;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -16,15 +14,15 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum OnLoss {
-    /// An emergency: the functions of [`on_emergency`](crate::System::on_emergency) run, and the
+    /// An emergency: the functions of `on_emergency` run, and the
     /// system ends. The default, since a program that drives something that moves must not go on
     /// without it.
     #[default]
     Emergency,
-    /// The [safe state](crate::safety::Safety::enter_safe_state): the processes run on with neutral
+    /// The safe state: the processes run on with neutral
     /// outputs, but the link's, which fails.
     SafeState,
-    /// A [warning](crate::safety::Safety::warn), and the link's process fails: its channels end
+    /// A warning, and the link's process fails: its channels end
     /// with it, and the others go on.
     Warn,
     /// The link's process fails, and nothing else.
@@ -115,15 +113,17 @@ pub(super) struct Open<D> {
     device: Option<D>,
     status: Arc<Status>,
     /// The functions that run in an emergency while it is open.
-    functions: PiLock<Vec<SafetyFunction>>,
+    functions: PiLock<Vec<u64>>,
+    devices: Arc<Devices>,
 }
 
 impl<D> Open<D> {
-    pub(super) fn new(device: D, status: Arc<Status>) -> Self {
+    pub(super) fn new(device: D, status: Arc<Status>, devices: Arc<Devices>) -> Self {
         Self {
             device: Some(device),
             status,
             functions: PiLock::new(Vec::new()),
+            devices,
         }
     }
 
@@ -135,7 +135,7 @@ impl<D> Open<D> {
 impl<D> Drop for Open<D> {
     fn drop(&mut self) {
         for function in std::mem::take(self.functions.get_mut()) {
-            function.withdraw();
+            self.devices.host.withdraw(function);
         }
         self.device = None;
         self.status.is_closed.store(true, Ordering::Release);
@@ -149,20 +149,16 @@ impl<D> Drop for Open<D> {
 /// opened. When the last handle is dropped the device is closed; never on the real-time path: what
 /// a process drops there is closed by the thread that runs the system. In an emergency it stays
 /// open until all emergency functions have run, and is closed before
-/// [`System::run`](crate::System::run) returns. A process that was left behind keeps its handle.
+/// `System::run` returns. A process that was left behind keeps its handle.
 pub struct Device<D: Send + Sync + 'static> {
     open: Shared<Arc<Open<D>>>,
-    safety: Safety,
-    devices: Arc<Devices>,
 }
 
 impl<D: Send + Sync + 'static> Device<D> {
-    pub(super) fn new(open: Arc<Open<D>>, safety: Safety, devices: Arc<Devices>) -> Self {
+    pub(super) fn new(open: Arc<Open<D>>) -> Self {
         open.status.users.fetch_add(1, Ordering::AcqRel);
         Self {
             open: Shared::new(open),
-            safety,
-            devices,
         }
     }
 
@@ -177,7 +173,7 @@ impl<D: Send + Sync + 'static> Device<D> {
     }
 
     /// Registers a function that brings the device to safety: `what` it does, for messages. It runs
-    /// as those of [`System::on_emergency`](crate::System::on_emergency) and has as long, in the
+    /// as those of `System::on_emergency` and has as long, in the
     /// order in which all are registered, unless the device was closed before the emergency.
     ///
     /// It runs on the emergency thread while processes may be using the device: it must not wait
@@ -209,7 +205,7 @@ impl<D: Send + Sync + 'static> Device<D> {
         what: &str,
         function: impl FnMut(&D) + Send + 'static,
     ) -> Result<()> {
-        self.on_emergency_within(what, LIMIT, function)
+        self.add_function(what, None, function)
     }
 
     /// As [`on_emergency`](Self::on_emergency), with a time after which the next function does not
@@ -222,15 +218,26 @@ impl<D: Send + Sync + 'static> Device<D> {
         &self,
         what: &str,
         limit: Duration,
+        function: impl FnMut(&D) + Send + 'static,
+    ) -> Result<()> {
+        self.add_function(what, Some(limit), function)
+    }
+
+    fn add_function(
+        &self,
+        what: &str,
+        limit: Option<Duration>,
         mut function: impl FnMut(&D) + Send + 'static,
     ) -> Result<()> {
         let open = Arc::downgrade(&*self.open);
         let name = format!("{}: {what}", self.name());
-        let function = self.safety.on_emergency(&name, limit, move || {
+        let call = move || {
             if let Some(open) = open.upgrade() {
                 function(open.device());
             }
-        })?;
+        };
+        let host = &self.open.devices.host;
+        let function = host.on_emergency(&name, limit, Box::new(call))?;
         self.open.functions.lock().push(function);
         Ok(())
     }
@@ -258,7 +265,7 @@ impl<D: Send + Sync + 'static> Device<D> {
     /// Reports that the device is gone or does not answer, as was found by `error`. Its driver
     /// calls this, and the driver's process then ends with the result. From any thread.
     ///
-    /// By default it raises an emergency, as [`emergency`](crate::emergency()) does; see
+    /// By default it raises an emergency, as `emergency`) does; see
     /// [`on_loss`](Self::on_loss). The manager reports the first loss. It allocates, off the
     /// real-time path.
     #[must_use = "the process is to end with it: return it as its error"]
@@ -278,12 +285,7 @@ impl<D: Send + Sync + 'static> Device<D> {
             };
             (policy, Error::from(lost))
         });
-        match policy {
-            OnLoss::Emergency => self.safety.raise(lost.clone()),
-            OnLoss::SafeState => self.safety.enter_safe_state(lost.clone()),
-            OnLoss::Warn => self.safety.warn(lost.clone()),
-            OnLoss::Fail => {}
-        }
+        self.open.devices.host.lost(policy, &lost);
         lost
     }
 }
@@ -301,8 +303,6 @@ impl<D: Send + Sync + 'static> Clone for Device<D> {
         self.open.status.users.fetch_add(1, Ordering::AcqRel);
         Self {
             open: self.open.clone(),
-            safety: self.safety.clone(),
-            devices: self.devices.clone(),
         }
     }
 }
@@ -312,8 +312,9 @@ impl<D: Send + Sync + 'static> Drop for Device<D> {
         let users = self.open.status.users.fetch_sub(1, Ordering::AcqRel);
         // A process that ends because of the emergency must not close the device before its
         // functions have run.
-        if users == 1 && self.safety.degree() == Degree::Emergency {
-            self.devices.keep(Arc::clone(&*self.open) as _);
+        let devices = &self.open.devices;
+        if users == 1 && devices.host.has_emergency() {
+            devices.keep(Arc::clone(&*self.open) as _);
         }
     }
 }

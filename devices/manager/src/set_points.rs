@@ -1,6 +1,6 @@
 //! The newest value of a channel, and its age.
 
-use crate::{Receiver, TryRecvError};
+use luna_channels::{Receiver, TryRecvError};
 
 /// How many values one [`SetPoints::take`] receives at most: a channel that overwrites its oldest
 /// value has one.
@@ -108,11 +108,11 @@ impl<T: Copy> SetPoints<T> {
 #[cfg(test)]
 mod tests {
     use super::SetPoints;
-    use crate::Buffer;
+    use luna_channels::{Buffer, buffered};
 
     #[test]
     fn a_value_is_overdue_when_nothing_new_came_for_longer_than_may_be() {
-        let (sender, receiver) = crate::buffered(Buffer::overwrite_oldest(1));
+        let (sender, receiver) = buffered(Buffer::overwrite_oldest(1));
         let mut points = SetPoints::new(receiver);
         points.greatest_age(Some(3));
         let mut cycle = |is_driving| (points.take(is_driving), points.overdue());
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn without_a_greatest_age_a_value_stays() {
-        let (sender, receiver) = crate::buffered(Buffer::overwrite_oldest(1));
+        let (sender, receiver) = buffered(Buffer::overwrite_oldest(1));
         let mut points = SetPoints::new(receiver);
         sender.try_send(1).unwrap();
         for _ in 0..1_000 {

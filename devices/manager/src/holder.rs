@@ -1,7 +1,7 @@
 //! Which process has a device open, as far as the kernel shows it. It stands in the error of a busy
 //! device, so that a user sees what to stop; it is looked up only then.
 
-use super::error::Holder;
+use luna_error::Holder;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;

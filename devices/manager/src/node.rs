@@ -1,7 +1,7 @@
 //! Device files: opening one, and the meaning of the system's refusal.
 
-use super::error::DeviceError;
-use super::holder;
+use crate::holder;
+use luna_error::DeviceError;
 use std::fs::{self, File, FileType, Metadata, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
@@ -248,7 +248,7 @@ const ENOTTY: i32 = 25;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::devices::Holder;
+    use luna_error::Holder;
 
     #[test]
     fn a_group_is_found_by_its_number() {

@@ -1,32 +1,34 @@
 //! Errors: [`Error`] for all that a process' body and a system can meet, and its parts.
 //!
 //! Each error of a channel, lock or set-up turns into an [`Error`] with `?`. Errors of one
-//! operation are with it: in [`channel`](mod@crate::channel), [`sync`](crate::sync),
-//! [`parameters`](crate::parameters) and so on.
-//!
-//! ```
-//! use luna::error::{Error, SetupError};
-//! use luna::prelude::*;
-//!
-//! let mut system = System::new("arm");
-//! let refused = system.executor("control").policy(Policy::fifo(200)).build();
-//! let Err(Error::Setup(SetupError::Attributes(error))) = refused else { panic!("too high") };
-//! println!("{error}"); // what is wrong, with which value, and what to do
-//! ```
+//! operation are with it: in `channel`, `sync`,
+//! `parameters` and so on.
 
 mod convert;
+mod deadlock;
+#[cfg(unix)]
+mod device;
 mod setup;
 mod several;
 
+#[cfg(not(feature = "logger"))]
+mod no_logger;
+
+pub use deadlock::{Deadlock, Operation, Partner, Wait};
+#[cfg(unix)]
+pub use device::{DeviceError, Holder};
 pub use luna_config::file::Problem;
-pub use setup::SetupError;
-pub(crate) use several::Failures;
+#[cfg(feature = "logger")]
+pub use luna_logger::RegisterError;
+#[cfg(not(feature = "logger"))]
+pub use no_logger::RegisterError;
+pub use setup::{BudgetKind, SetupError};
+#[doc(hidden)]
+pub use several::Failures;
 pub use several::{Errors, Several};
 
-use crate::replay::RecordError;
-use crate::safety::BudgetKind;
-use crate::system::deadlock::Deadlock;
-use crate::time::Instant;
+use luna_platform::clock::Instant;
+use luna_replay::RecordError;
 use std::fmt;
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
@@ -66,7 +68,7 @@ pub enum Error {
     /// A lock that does not wait: the mutex is held.
     #[error("the mutex is locked")]
     Locked,
-    /// A mutex's owner has died while it held it: see [`OwnerDied`](crate::sync::OwnerDied).
+    /// A mutex's owner has died while it held it: see `OwnerDied`.
     #[error(
         "a process ended while it held the mutex, and the guarded value may be incomplete: take the guard from the error of `lock`, and recover it"
     )]
@@ -82,7 +84,7 @@ pub enum Error {
     /// A process panicked, with this message.
     #[error("panicked: {0}")]
     Panicked(String),
-    /// A [callback](crate::time::TimerCallback) of the timer manager panicked.
+    /// A callback of the timer manager panicked.
     #[error("timer callback `{name}` panicked: {message}")]
     Callback {
         /// The callback's name.
@@ -105,7 +107,7 @@ pub enum Error {
         consecutive: u32,
     },
     /// A process took longer than its budget, and was ended for it, or the system was: see
-    /// [`OnOverrun`](crate::safety::OnOverrun).
+    /// `OnOverrun`.
     #[error(
         "took {taken:?} for a {kind} whose budget is {budget:?}: give it less to do at a time, await in between, or move it to an \
                  executor of lower priority"
@@ -118,11 +120,11 @@ pub enum Error {
         /// How long it took.
         taken: Duration,
     },
-    /// Every process of a [`strict`](crate::System::strict) system waited for another one.
+    /// Every process of a `strict` system waited for another one.
     #[error("{0}")]
     Deadlock(Box<Deadlock>),
     /// So many turns were taken at one instant of a virtual clock: see
-    /// [`System::most_turns_at_an_instant`](crate::System::most_turns_at_an_instant).
+    /// `System::most_turns_at_an_instant`.
     #[error(
         "{turns} turns were taken at one instant, {at:?}, the last one by process `{process}`: time does not move while \
                  anybody can run, so wait for something (or allow more turns by `most_turns_at_an_instant`)"
@@ -147,11 +149,11 @@ pub enum Error {
     /// A link to a file failed.
     #[cfg(unix)]
     #[error(transparent)]
-    External(#[from] crate::external::LinkError),
+    External(#[from] luna_external::LinkError),
     /// A device cannot be opened, or is lost.
     #[cfg(unix)]
     #[error(transparent)]
-    Device(Arc<crate::devices::DeviceError>),
+    Device(Arc<DeviceError>),
     /// An error of the user's own about the system, as a text. The framework never makes one: what
     /// it cannot set up is [`Setup`](Error::Setup), with the values in fields.
     ///
@@ -223,7 +225,8 @@ impl Error {
         }
     }
 
-    pub(crate) fn in_process(self, name: &str) -> Error {
+    #[doc(hidden)]
+    pub fn in_process(self, name: &str) -> Error {
         Error::Process {
             name: name.to_owned(),
             source: Box::new(self),

@@ -26,16 +26,46 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
-mod device;
-mod error;
-mod holder;
-mod manager;
-mod node;
-mod set_points;
+pub use luna_devices::{
+    Device, DeviceError, DeviceManager, DeviceState, DeviceView, Holder, Node, OnLoss, SetPoints,
+    Sharing,
+};
 
-pub use device::{Device, DeviceState, DeviceView, OnLoss};
-pub use error::{DeviceError, Holder};
-pub(crate) use manager::Devices;
-pub use manager::{DeviceManager, Sharing};
-pub use node::Node;
-pub use set_points::SetPoints;
+use crate::error::{Error, Result};
+use crate::safety::{Cause, Degree, Emergency, LIMIT};
+use std::time::Duration;
+
+impl luna_devices::Host for Emergency {
+    fn on_emergency(
+        &self,
+        name: &str,
+        limit: Option<Duration>,
+        function: Box<dyn FnMut() + Send>,
+    ) -> Result<u64> {
+        self.add_function(name, limit.unwrap_or(LIMIT), function)
+    }
+
+    fn withdraw(&self, function: u64) {
+        self.withdraw_function(function);
+    }
+
+    fn lost(&self, policy: OnLoss, error: &Error) {
+        let cause = || Cause::Raised(error.clone());
+        match policy {
+            OnLoss::Emergency => self.trigger(cause()),
+            OnLoss::SafeState => self.enter_safe_state(cause()),
+            OnLoss::Warn => self.journal.note(Degree::Warning, cause(), || true),
+            _ => {}
+        }
+    }
+
+    fn has_emergency(&self) -> bool {
+        self.journal.degree() == Degree::Emergency
+    }
+
+    fn note_refusal(&self) {
+        if let Some(plan) = self.plan.upgrade() {
+            plan.note_refusal();
+        }
+    }
+}

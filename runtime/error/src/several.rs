@@ -11,7 +11,7 @@ use std::iter::FusedIterator;
 /// Errors that are no more than their kind (poisoned, closed, full, empty, timeout, cancelled) take
 /// no memory of their own: a network in which all branches end poisoned or closed allocates
 /// nothing. Up to sixteen runs of equal neighbours are stored in the error itself. That is enough
-/// for any [`par!`](crate::par) with branches that are no constructs themselves; the constructs
+/// for any `par!` with branches that are no constructs themselves; the constructs
 /// over collections reserve room for any outcome when they are created. Memory is allocated in two
 /// cases: when nested constructs come to more than sixteen runs (each bracket around an inner
 /// construct counts as one), and when an error carries more (a name, a message), and so was
@@ -285,8 +285,8 @@ impl<'a> Iterator for Errors<'a> {
 impl FusedIterator for Errors<'_> {}
 
 /// What a construct's branches failed with so far, added in written order.
-#[derive(Default)]
-pub(crate) struct Failures {
+#[derive(Debug, Default)]
+pub struct Failures {
     /// The error of the one branch that failed, while there is one.
     only: Option<Error>,
     has_failed: bool,
@@ -298,14 +298,14 @@ pub(crate) struct Failures {
 impl Failures {
     /// Adding this many branches allocates nothing, but if they fail with errors that are allocated
     /// themselves.
-    pub(crate) fn with_room_for(branches: usize) -> Failures {
+    pub fn with_room_for(branches: usize) -> Failures {
         let mut failures = Failures::default();
         failures.several.runs.reserve_exact(branches);
         failures
     }
 
     /// Adds the next branch.
-    pub(crate) fn add(&mut self, error: Option<Error>) {
+    pub fn add(&mut self, error: Option<Error>) {
         let Some(error) = error else {
             self.fine += 1;
             return;
@@ -322,7 +322,7 @@ impl Failures {
     }
 
     /// Returns the error of the construct: that of the branch if only one has failed.
-    pub(crate) fn take_error(&mut self) -> Option<Error> {
+    pub fn take_error(&mut self) -> Option<Error> {
         match self.only.take() {
             None if self.has_failed => Some(Error::Several(std::mem::take(&mut self.several))),
             only => only,

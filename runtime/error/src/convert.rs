@@ -1,15 +1,14 @@
 //! What turns into an [`Error`] with `?`.
 
-use super::{Error, SetupError};
-use crate::csp::supervised::Failure;
-#[cfg(unix)]
-use crate::external::WireStop;
+use crate::{Error, SetupError};
 use luna_channels as channels;
 use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
 };
 use luna_config::deployment::DeploymentError;
 use luna_executors::Nested;
+#[cfg(unix)]
+use luna_external::WireStop;
 use luna_platform::memory::HeapError;
 use luna_platform::signals::SignalError;
 use luna_platform::thread::{AttributeError, SpawnError};
@@ -87,11 +86,11 @@ from! {
     channels::BufferError { error => SetupError::system(error).into() }
     HeapError { error => SetupError::system(error).into() }
     SignalError { error => SetupError::system(error).into() }
-    crate::log::RegisterError { error => SetupError::Signal(error).into() }
-    crate::parameters::DeclareError { error => SetupError::Parameter(error).into() }
-    crate::parameters::SetError { error => SetupError::Parameters(error).into() }
+    crate::RegisterError { error => SetupError::Signal(error).into() }
+    luna_config::parameters::DeclareError { error => SetupError::Parameter(error).into() }
+    luna_config::parameters::SetError { error => SetupError::Parameters(error).into() }
     #[cfg(unix)]
-    crate::devices::DeviceError { error => Error::Device(error.into()) }
+    crate::DeviceError { error => Error::Device(error.into()) }
     #[cfg(unix)]
     luna_executors::FileError { error => Error::other(error) }
     #[cfg(unix)]
@@ -100,13 +99,10 @@ from! {
         WireStop::Ended(channels::ChannelEnd::Closed) => Error::Closed,
         WireStop::Ended(channels::ChannelEnd::Poisoned) => Error::Poisoned
     }
-    Failure {
-        Failure { name, consecutive } => Error::Overrun { name: name.to_string(), consecutive }
-    }
-    crate::time::StampError { error => Error::other(error) }
-    crate::external::BadRecord { error => Error::other(error) }
-    crate::external::Malformed { error => Error::other(error) }
-    crate::safety::ResetError { error => Error::other(error) }
+    #[cfg(unix)]
+    luna_external::BadRecord { error => Error::other(error) }
+    #[cfg(unix)]
+    luna_external::Malformed { error => Error::other(error) }
     luna_executors::DriveError { error => Error::other(error) }
     luna_platform::thread::PolicyError { error => Error::other(error) }
     #[cfg(feature = "logger")]
@@ -124,8 +120,8 @@ impl From<DeploymentError> for SetupError {
 }
 
 impl SetupError {
-    /// What the operating system refused.
-    pub(crate) fn system(error: impl ToString) -> SetupError {
+    #[doc(hidden)]
+    pub fn system(error: impl ToString) -> SetupError {
         SetupError::System {
             message: error.to_string(),
         }
@@ -134,7 +130,8 @@ impl SetupError {
 
 impl Error {
     /// A thread of `of` that did not start.
-    pub(crate) fn not_started(of: &str, error: SpawnError<Infallible>) -> Error {
+    #[doc(hidden)]
+    pub fn not_started(of: &str, error: SpawnError<Infallible>) -> Error {
         Error::Setup(match error {
             SpawnError::Attributes(error) => SetupError::Attributes(error),
             SpawnError::Refused(shortfall) => SetupError::Refused {

@@ -1,9 +1,7 @@
 //! Which device is open, and by which users.
 
-use super::device::{Device, DeviceView, Open, Status};
-use super::error::{DeviceError, Holder};
-use crate::safety::{Degree, Safety};
-use crate::system::Plan;
+use crate::device::{Device, DeviceView, OnLoss, Open, Status};
+use luna_error::{DeviceError, Error, Holder, Result};
 use luna_platform::lock::PiLock;
 use std::any::Any;
 use std::fmt;
@@ -22,20 +20,45 @@ pub enum Sharing {
     Exclusive,
 }
 
-/// Opens the devices of a [`System`](crate::System): see
-/// [`System::devices`](crate::System::devices).
+/// Opens the devices of a `System`: see
+/// `System::devices`.
 ///
 /// Cloning it is cheap, and it does not borrow the system. Devices belong to the set-up; one may
 /// also be opened in a `pre_run`, or anew while the system runs when it was lost. Not for the
 /// real-time path: its functions take plain locks, and opening is what drivers make of it.
 #[derive(Clone)]
 pub struct DeviceManager {
-    plan: Arc<Plan>,
+    devices: Arc<Devices>,
+}
+
+/// What a system does for its devices.
+#[doc(hidden)]
+pub trait Host: Send + Sync {
+    /// Adds an emergency function, which may take so long, or as long as those without a limit.
+    ///
+    /// # Errors
+    ///
+    /// It would never be run, or there are too many.
+    fn on_emergency(
+        &self,
+        name: &str,
+        limit: Option<Duration>,
+        function: Box<dyn FnMut() + Send>,
+    ) -> Result<u64>;
+    /// Takes an emergency function back.
+    fn withdraw(&self, function: u64);
+    /// A device is lost.
+    fn lost(&self, policy: OnLoss, error: &Error);
+    /// Whether there is an emergency.
+    fn has_emergency(&self) -> bool;
+    /// An opening has failed.
+    fn note_refusal(&self);
 }
 
 /// What a system keeps of its devices.
-#[derive(Default)]
-pub(crate) struct Devices {
+#[doc(hidden)]
+pub struct Devices {
+    pub(super) host: Arc<dyn Host>,
     entries: Mutex<Vec<Entry>>,
     kept: PiLock<Kept>,
 }
@@ -68,6 +91,15 @@ impl Entry {
 }
 
 impl Devices {
+    /// Of the system that is behind `host`.
+    pub fn new(host: Arc<dyn Host>) -> Arc<Self> {
+        Arc::new(Self {
+            host,
+            entries: Mutex::default(),
+            kept: PiLock::default(),
+        })
+    }
+
     fn lock(&self) -> MutexGuard<'_, Vec<Entry>> {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -83,7 +115,7 @@ impl Devices {
 
     /// The emergency functions, if there was an emergency, have run: closes the devices that were
     /// kept open for them.
-    pub(crate) fn let_go(&self) {
+    pub fn let_go(&self) {
         let mut kept = self.kept.lock();
         kept.is_over = true;
         let open = std::mem::take(&mut kept.open);
@@ -106,8 +138,10 @@ impl Drop for Forget<'_> {
 }
 
 impl DeviceManager {
-    pub(crate) fn new(plan: Arc<Plan>) -> Self {
-        Self { plan }
+    /// Of these.
+    #[doc(hidden)]
+    pub fn new(devices: Arc<Devices>) -> Self {
+        Self { devices }
     }
 
     /// Opens the device `name`, or shares what is open under that name already.
@@ -144,7 +178,7 @@ impl DeviceManager {
         open: impl FnOnce() -> Result<D, DeviceError>,
     ) -> Result<Device<D>, DeviceError> {
         self.open_or_share(name, kind, sharing, open)
-            .inspect_err(|_| self.plan.note_refusal())
+            .inspect_err(|_| self.devices.host.note_refusal())
     }
 
     fn open_or_share<D: Send + Sync + 'static>(
@@ -158,7 +192,7 @@ impl DeviceManager {
             device: name.to_owned(),
             by: Holder::ThisProgram,
         };
-        let devices = &self.plan.devices;
+        let devices = &self.devices;
         let key = key(name);
         self.wait_while_closing(&key);
         let status = {
@@ -171,7 +205,7 @@ impl DeviceManager {
                 if let Some(open) = entry.open() {
                     let both = (entry.sharing, sharing) == (Sharing::Shared, Sharing::Shared);
                     return match open.downcast::<Open<D>>() {
-                        Ok(open) if both => Ok(Device::new(open, self.safety(), devices.clone())),
+                        Ok(open) if both => Ok(Device::new(open)),
                         _ => Err(busy()),
                     };
                 }
@@ -194,7 +228,7 @@ impl DeviceManager {
             devices,
             status: &status,
         };
-        let open = Arc::new(Open::new(open()?, status.clone()));
+        let open = Arc::new(Open::new(open()?, status.clone(), devices.clone()));
         let held: Arc<dyn Any + Send + Sync> = open.clone();
         for entry in &mut *devices.lock() {
             if Arc::ptr_eq(&entry.status, &status) {
@@ -202,7 +236,7 @@ impl DeviceManager {
             }
         }
         drop(forget);
-        Ok(Device::new(open, self.safety(), devices.clone()))
+        Ok(Device::new(open))
     }
 
     /// Waits while the device is being closed: what a process dropped on the real-time path is
@@ -210,21 +244,14 @@ impl DeviceManager {
     fn wait_while_closing(&self, key: &str) {
         let begin = Instant::now();
         let is_closing = || {
-            let entries = self.plan.devices.lock();
+            let entries = self.devices.lock();
             let entry = entries.iter().find(|entry| entry.status.key == key);
             entry.is_some_and(|entry| entry.status.is_left() && entry.is_open())
         };
         // In an emergency it stays open until the functions have run.
-        while self.safety().degree() != Degree::Emergency
-            && is_closing()
-            && begin.elapsed() < CLOSING
-        {
+        while !self.devices.host.has_emergency() && is_closing() && begin.elapsed() < CLOSING {
             std::thread::sleep(Duration::from_millis(1));
         }
-    }
-
-    fn safety(&self) -> Safety {
-        Safety::new(self.plan.emergency.clone())
     }
 
     /// All devices that were opened, in that order, with those that are closed again.
@@ -241,8 +268,7 @@ impl DeviceManager {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn list(&self) -> Vec<DeviceView> {
-        self.plan
-            .devices
+        self.devices
             .lock()
             .iter()
             .filter(|entry| entry.open.is_some())
@@ -267,3 +293,5 @@ impl fmt::Debug for DeviceManager {
         f.debug_list().entries(self.list()).finish()
     }
 }
+
+luna_platform::debug_fields!(Devices);

@@ -1,8 +1,8 @@
 //! Errors of the set-up: bad input, and what the system refuses.
 
-use crate::safety::BudgetKind;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::AttributeError;
+use std::fmt;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -24,7 +24,7 @@ pub enum SetupError {
     /// A thread's policy, priority, stack or name makes no sense.
     #[error("{0}")]
     Attributes(AttributeError),
-    /// The [system file](crate::System::deployment_from) cannot be read.
+    /// The system file cannot be read.
     #[error("{path}: {message}")]
     DeploymentFile {
         /// Its name.
@@ -34,7 +34,7 @@ pub enum SetupError {
     },
     /// Something is wrong in the system file, or does not fit the program or the machine.
     #[error("{0}")]
-    Deployment(Box<crate::error::Problem>),
+    Deployment(Box<crate::Problem>),
     /// A system file was named after an executor or a thread was made, or after another file.
     #[error(
         "the system file of `{system}` comes too late; call System::deployment_from once, before the first executor or thread"
@@ -53,17 +53,17 @@ pub enum SetupError {
     },
     /// A signal cannot be registered.
     #[error("{0}")]
-    Signal(crate::log::RegisterError),
+    Signal(crate::RegisterError),
     /// The recording that was asked for cannot begin.
     #[cfg(feature = "logger")]
     #[error("{0}")]
-    Logging(crate::log::StartError),
+    Logging(luna_logger::StartError),
     /// A parameter cannot be declared.
     #[error("{0}")]
-    Parameter(crate::parameters::DeclareError),
+    Parameter(luna_config::parameters::DeclareError),
     /// The values of parameters cannot be taken.
     #[error("{0}")]
-    Parameters(crate::parameters::SetError),
+    Parameters(luna_config::parameters::SetError),
     /// Two of a kind have one name.
     #[error("there is {kind} `{name}` already; give each {kind} a name of its own")]
     DuplicateName {
@@ -135,7 +135,7 @@ pub enum SetupError {
         most: usize,
     },
     /// There are more loops than the system reserved room for before the start: 16, or as many as
-    /// [`System::max_loops`](crate::System::max_loops) set. Loops that have ended count.
+    /// `System::max_loops` set. Loops that have ended count.
     #[error(
         "loop `{name}` is one more than the {most} for whose statistics the system has room; call \
                  System::max_loops with a greater number before the start"
@@ -308,5 +308,25 @@ fn others(known: &[String]) -> String {
     match known {
         [] => "no process can be replaced; declare it by ProcessBuilder::replaceable".to_owned(),
         _ => format!("no such process that can be replaced; there are {known:?}"),
+    }
+}
+
+/// What a budget is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum BudgetKind {
+    /// The time from when the process gets the processor until it awaits something that is not
+    /// ready yet.
+    Poll,
+    /// The time from when a cycle of one of its loops begins until the loop asks for the next.
+    Cycle,
+}
+
+impl fmt::Display for BudgetKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            BudgetKind::Poll => "poll",
+            BudgetKind::Cycle => "cycle",
+        })
     }
 }
