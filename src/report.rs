@@ -46,8 +46,8 @@ pub use luna_replay::RecordReport;
 
 use crate::system::{ClockKind, Member};
 use crate::time::short;
+use luna_core::Exit;
 use luna_error::Deadlock;
-use luna_executors::Exit;
 use luna_platform::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;

@@ -14,7 +14,7 @@
 //! `linux` has policies, priority-inheriting futex locks, absolute futex waits, epoll and memory
 //! locking. `portable` has no real-time policy; asking for one is an error.
 //!
-//! `bare` has what `luna-core`, `luna-channels` and `luna-executors` need, and nothing else of the
+//! `bare` has what `luna-core` and `luna-channels` need, and nothing else of the
 //! list below. docs/no-std.md of the project describes it.
 //!
 //! What it offers of the system:

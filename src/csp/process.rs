@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::log::Log;
 use crate::safety::Emergency;
 use crate::time::Scope;
-use luna_executors::{Announced, ExecutorHandle, ProcessHandle, ProcessRegistry, ProcessSpec};
+use luna_core::{Announced, ExecutorHandle, ProcessHandle, ProcessRegistry, ProcessSpec};
 use luna_platform::clock::Clock;
 use luna_platform::memory::copy_words;
 use luna_platform::panics;
@@ -201,7 +201,7 @@ luna_platform::debug_fields!(impl[B] Prepared<B>);
 pub(crate) trait Phases: Send {
     fn pre_run(&mut self) -> Result<()>;
     fn post_run(&mut self);
-    /// As [`words_of_body`](luna_executors::ProcessHandle::words_of_body), of what the body
+    /// As [`words_of_body`](luna_core::ProcessHandle::words_of_body), of what the body
     /// borrows.
     fn words(&self) -> Vec<usize>;
 }
@@ -209,7 +209,7 @@ pub(crate) trait Phases: Send {
 /// Runs `pre_run`. Its panic is an error as any other.
 pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
     panics::catch(|| resident.pre_run())
-        .unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))))
+        .unwrap_or_else(|payload| Err(Error::Panicked(luna_core::panic_message(&*payload))))
 }
 
 /// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic
@@ -221,7 +221,7 @@ pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
         drop(resident);
     });
     let payload = cleaned_up.err()?;
-    let message = luna_executors::panic_message(&*payload);
+    let message = luna_core::panic_message(&*payload);
     // It is the user's too.
     std::mem::forget(payload);
     Some(Error::Panicked(message))

@@ -18,7 +18,7 @@ use crate::log::{Level, Log, message};
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MAX_CALLBACKS, Manager, ManagerThread, Scope, StampState};
 use luna_config::parameters;
-use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
+use luna_core::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::MemoryLock;
@@ -161,7 +161,7 @@ fn launch_described(
                 .map_err(Error::from)
         },
     )?;
-    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
+    luna_core::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;
 

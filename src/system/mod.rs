@@ -41,7 +41,7 @@ mod warnings;
 pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};
 pub use clock::ClockKind;
 pub use compose::Observer;
-pub use luna_executors::{ClockDriver, DriveError};
+pub use luna_core::{ClockDriver, DriveError};
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 
 use crate::csp::composition::Composition;
@@ -50,8 +50,8 @@ use crate::error::{Result, SetupError};
 use crate::report::Report;
 use crate::time::{TimerManager, Timers};
 pub(crate) use launch::Opening;
+use luna_core::ProcessHandle;
 use luna_core::current::ProcessId;
-use luna_executors::ProcessHandle;
 pub(crate) use plan::{Member, Plan};
 use std::sync::Arc;
 

@@ -4,7 +4,7 @@ use super::plan::{NamedThread, Phase, Plan};
 use crate::notice::notice;
 use crate::report::ThreadReport;
 use crate::safety::Cause;
-use luna_executors::{Executor, Simulation};
+use luna_core::{Executor, Simulation};
 use luna_platform::clock::Instant;
 use luna_platform::facts::{RealTimeShare, Source};
 use luna_platform::thread::{Obtained, Policy};

@@ -72,9 +72,9 @@ type Meeting = GuardedWaitPoint<Round>;
 /// let barrier = Barrier::new(2);
 /// let other = barrier.clone();
 /// let sync = async move { other.sync().await };
-/// let thread = std::thread::spawn(move || luna_executors::block_on(sync));
+/// let thread = std::thread::spawn(move || luna_core::block_on(sync));
 /// // returns when both have come
-/// luna_executors::block_on(async { barrier.sync().await }).unwrap();
+/// luna_core::block_on(async { barrier.sync().await }).unwrap();
 /// thread.join().unwrap().unwrap();
 /// ```
 pub struct Barrier {
@@ -143,7 +143,7 @@ impl Barrier {
     ///
     /// ```
     /// use luna_channels::Barrier;
-    /// use luna_executors::{Executor, ProcessSpec};
+    /// use luna_core::{Executor, ProcessSpec};
     /// use luna_platform::thread::Attributes;
     ///
     /// let barrier = Barrier::new(2); // the group, and this thread
@@ -154,7 +154,7 @@ impl Barrier {
     ///     executor.spawn(ProcessSpec::new("member"), move || async move { group.sync().await });
     /// }
     /// executor.release();
-    /// luna_executors::block_on(barrier.sync()).unwrap();
+    /// luna_core::block_on(barrier.sync()).unwrap();
     /// executor.stop();
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```

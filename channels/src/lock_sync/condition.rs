@@ -38,7 +38,7 @@ use luna_platform::clock::Instant;
 ///     of_thread.blocking_lock().unwrap().push(7);
 ///     fills.notify_one();
 /// });
-/// luna_executors::block_on(async {
+/// luna_core::block_on(async {
 ///     let guard = queue.lock().await.unwrap();
 ///     let mut guard = filled.wait_while(guard, |queue| queue.is_empty()).await.unwrap();
 ///     assert_eq!(guard.pop(), Some(7));
@@ -124,7 +124,7 @@ impl Condvar {
     ///
     /// ```
     /// # use luna_channels::lock_sync::{Condvar, Mutex};
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (mutex, never) = (Mutex::new(()), Condvar::new());
     /// let guard = mutex.lock().await.unwrap();
     /// let short = std::time::Duration::from_millis(1);

@@ -1,7 +1,7 @@
 //! What ends a link but the end of its file or channel.
 
 use super::record::BadRecord;
-use luna_executors::FileError;
+use luna_core::FileError;
 use std::fmt;
 use std::io;
 use std::time::Duration;

@@ -151,7 +151,7 @@ impl<T: FromBytes + Send> Input<T> {
     pub fn carry(&mut self) -> impl Future<Output = Result<(), WireStop>> {
         // Prepared when the body is made: off the real-time path, on its thread. If it fails, the
         // first wait fails too and reports it; a file that is never waited for does not need it.
-        let _ = luna_executors::prepare_files();
+        let _ = luna_core::prepare_files();
         async {
             // The channel ends with the body, without waiting for the clean-up.
             let sender = self.sender.take();

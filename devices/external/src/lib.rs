@@ -31,7 +31,7 @@ pub use error::{LinkError, OsError};
 pub use frame::Frame;
 pub use framing::{Framing, Prefix};
 pub use input::{Input, input, stdin};
-pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
+pub use luna_core::{FileError, FileReady, prepare_files, readable, writable};
 pub use output::{Output, output};
 pub use packer::Packer;
 pub use record::{BadRecord, Fault, FromBytes, Malformed, ToBytes};

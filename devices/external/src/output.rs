@@ -91,7 +91,7 @@ impl<T: ToBytes + Send> Output<T> {
     /// Carries records until an end.
     pub fn carry(&mut self) -> impl Future<Output = Result<(), WireStop>> {
         // As for an input.
-        let _ = luna_executors::prepare_files();
+        let _ = luna_core::prepare_files();
         async {
             let receiver = self.receiver.take();
             let (Some(device), Some(packer), Some(receiver)) =

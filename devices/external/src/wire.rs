@@ -5,7 +5,7 @@
 
 use super::error::{LinkError, OsError};
 use luna_channels::{ChannelEnd, Ended};
-use luna_executors::{FileError, readable, writable, yield_now};
+use luna_core::{FileError, readable, writable, yield_now};
 use luna_platform::clock::Instant;
 use luna_platform::file;
 use luna_platform::reactor::ReactorError;

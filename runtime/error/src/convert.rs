@@ -6,7 +6,7 @@ use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
 };
 use luna_config::deployment::DeploymentError;
-use luna_executors::Nested;
+use luna_core::Nested;
 #[cfg(unix)]
 use luna_external::WireStop;
 use luna_platform::memory::HeapError;
@@ -92,7 +92,7 @@ from! {
     #[cfg(unix)]
     crate::DeviceError { error => Error::Device(error.into()) }
     #[cfg(unix)]
-    luna_executors::FileError { error => Error::other(error) }
+    luna_core::FileError { error => Error::other(error) }
     #[cfg(unix)]
     WireStop {
         WireStop::Failed(error) => error.into(),
@@ -103,7 +103,7 @@ from! {
     luna_external::BadRecord { error => Error::other(error) }
     #[cfg(unix)]
     luna_external::Malformed { error => Error::other(error) }
-    luna_executors::DriveError { error => Error::other(error) }
+    luna_core::DriveError { error => Error::other(error) }
     luna_platform::thread::PolicyError { error => Error::other(error) }
     #[cfg(feature = "logger")]
     luna_logger::StartError { error => Error::other(error) }

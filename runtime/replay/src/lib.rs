@@ -102,7 +102,7 @@ pub async fn blocking<T: Value + Send + 'static>(
 ) -> T {
     let given = match current::replay_log(|log| log.is_replay()) {
         Some(true) => None,
-        _ => Some(Unrecorded(luna_executors::blocking(call)).await),
+        _ => Some(Unrecorded(luna_core::blocking(call)).await),
     };
     input(name, || match given {
         Some(given) => given,

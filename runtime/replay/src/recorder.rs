@@ -6,8 +6,8 @@ pub(crate) use track::Track;
 
 use super::error::RecordError;
 use super::file::{BlockKind, Writer};
+use luna_core::Name;
 use luna_core::byte_ring::ByteRing;
-use luna_executors::Name;
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use luna_platform::{new_file, signals};
 use std::collections::HashMap;

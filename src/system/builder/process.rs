@@ -8,7 +8,7 @@ use crate::parameters::{ParameterBuilder, Tunable};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use crate::system::plan::{Placement, Plan, ProcessPlan};
 use luna_core::current::{LEVELS, ProcessId};
-use luna_executors::{Name, ProcessHandle, ProcessSpec};
+use luna_core::{Name, ProcessHandle, ProcessSpec};
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
 use std::time::Duration;

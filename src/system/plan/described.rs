@@ -3,7 +3,7 @@
 use crate::csp::process::{Build, Prepared, Start};
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
-use luna_executors::{Name, ProcessSpec};
+use luna_core::{Name, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 

@@ -6,7 +6,7 @@ use crate::csp::process::{Common, Frame, Phases};
 use crate::error::Error;
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
-use luna_executors::{
+use luna_core::{
     Announced, ExecutorHandle, Exit, Name, OsThread, ProcessHandle, ProcessSpec, ProcessState,
     SimulationHandle, Standstill,
 };

@@ -120,7 +120,7 @@ impl Periodic {
         if target <= asked {
             // Behind time: still a scheduling point, else it would keep the executor from timers,
             // wakes and its own cancellation.
-            luna_executors::yield_now().await;
+            luna_core::yield_now().await;
             return Instant::now();
         }
         // Virtual time stands while a process spins.

@@ -5,11 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The libraries' sources. The modelled and the portable platform make no real-time claim.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 9] = [
     "platform/src",
     "core/src",
     "channels/src",
-    "executors/src",
     "runtime/replay/src",
     "runtime/config/src",
     "runtime/error/src",
@@ -41,11 +40,11 @@ const KNOWN: [(&str, &str); 16] = [
         "places enlist when they are made and freed, and reports look",
     ),
     (
-        "executors/src/simulation/calls.rs",
+        "core/src/simulation/calls.rs",
         "on a virtual clock nothing is real time",
     ),
     (
-        "executors/src/simulation/drive.rs",
+        "core/src/simulation/drive.rs",
         "on a virtual clock nothing is real time",
     ),
     (

@@ -3,8 +3,8 @@
 use super::super::functions::{Assignment, Functions, Moment, Task};
 use super::{Emergency, EmergencyWorkers};
 use crate::safety::state::Cause;
+use luna_core::ProcessRegistry;
 use luna_core::failover::{FailoverSequence, Leg};
-use luna_executors::ProcessRegistry;
 use luna_platform::clock::Instant;
 use luna_platform::{signals, thread};
 use std::sync::atomic::Ordering;

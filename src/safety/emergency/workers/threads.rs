@@ -4,7 +4,7 @@ use super::super::panics;
 use super::{Emergency, LOOKS_EVERY, MAX, ON_DUTY, member, wakes_beside_a_function};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
-use luna_executors::ProcessRegistry;
+use luna_core::ProcessRegistry;
 use luna_platform::crash::CrashWatch;
 use luna_platform::facts::Source;
 use luna_platform::shortfall::Shortfall;
