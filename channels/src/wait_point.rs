@@ -15,6 +15,7 @@ use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Here, PlainTurn, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
+use luna_core::waiting::OpList;
 
 /// Whether communication is still possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,6 +61,10 @@ pub(crate) struct WaitPoint {
     pub(crate) identity: Identity,
 }
 
+// SAFETY: the queues are guarded by their lock, and the slots by their protocol: see
+// `hand_off_slots`.
+unsafe impl Sync for WaitPoint {}
+
 impl WaitPoint {
     pub(crate) fn new(identity: Identity) -> Self {
         Self {
@@ -73,7 +78,7 @@ impl WaitPoint {
                 receivers: WaitList::new(),
                 held: WaitList::new(),
                 registered: WaitList::new(),
-                watching: WaitList::new(),
+                watching: OpList::new(),
                 ending: Ending::Open,
                 is_unusual: false,
                 is_plain: false,
