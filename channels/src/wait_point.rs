@@ -47,8 +47,7 @@ pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
 
 /// The lists, under their lock, in whichever way it is held.
 pub(crate) trait Lists: core::ops::DerefMut<Target = WaitQueues> {}
-impl Lists for BiasedGuard<'_, WaitQueues> {}
-impl Lists for InsideGuard<'_, WaitQueues> {}
+impl<L: core::ops::DerefMut<Target = WaitQueues>> Lists for L {}
 
 /// Where processes meet. It must lie at the beginning of a cache line, so that a rendezvous writes
 /// one line only.
