@@ -130,7 +130,13 @@ impl WaitPoint {
     /// operations of a channel too, use [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
-        let mut lists = self.lock.lock();
+        self.lock_from(Here::now())
+    }
+
+    /// As [`lock`](Self::lock).
+    #[inline]
+    pub(crate) fn lock_from(&self, here: Here<'_>) -> BiasedGuard<'_, WaitQueues> {
+        let mut lists = self.lock.lock_in(here);
         lists.list_lone();
         lists
     }
