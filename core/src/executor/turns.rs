@@ -5,7 +5,6 @@ use super::{Phase, Serves, Shared};
 use crate::call_count;
 use crate::current;
 use crate::deadlines::Deadlines;
-use crate::deferred_free;
 use crate::events;
 use crate::file_watch;
 use crate::inbound::Signals;
@@ -77,12 +76,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     }
     #[cfg(feature = "std")]
     let before = usage::processor_time();
-    // A thread that may block keeps nothing: it could sleep in the middle of a turn.
-    let frees_later = shared.serves != Serves::One;
-    let keeps = (
-        shared.registry.keep_ends(),
-        frees_later.then(deferred_free::keep_own),
-    );
+    let keeps = shared.registry.keep_ends();
     SPARE_SHARED.with(|spare| spare.keep(shared));
     // Not through the `Arc`, which would be read at each turn.
     let shared = &**shared;
@@ -190,9 +184,8 @@ pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
         }
         return shared.advance(Phase::STOPPING);
     }
-    // Flush batched exits and deferred frees before sleeping.
+    // Flush batched exits before sleeping.
     shared.registry.report_kept();
-    deferred_free::hand_over();
     sleep(shared, deadlines.rest());
     interference::rest();
 }
