@@ -9,8 +9,8 @@ use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
 };
 use luna_core::Nested;
-use luna_platform::memory::HeapError;
-use luna_platform::signals::SignalError;
+use luna_machine::memory::HeapError;
+use luna_machine::signals::SignalError;
 use luna_platform::thread::{AttributeError, SpawnError};
 use std::convert::Infallible;
 

@@ -51,7 +51,7 @@ pub(crate) use late::Witness;
 pub(crate) use late_cycle::StolenTime;
 pub use luna_channels::{After, after, at};
 pub use luna_platform::clock::Instant;
-pub use luna_platform::clock::Synchronization;
+pub use luna_machine::tai::Synchronization;
 pub use manager::{Firing, TimerCallback, TimerManager, Timers};
 pub(crate) use manager::{MAX_CALLBACKS, Manager, ManagerThread};
 pub use periodic::{Cycle, Overrun, Periodic, periodic};

@@ -5,8 +5,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The libraries' sources. The modelled and the portable platform make no real-time claim.
-const SOURCES: [&str; 4] = ["platform/src", "core/src", "channels/src", "src"];
-const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
+const SOURCES: [&str; 5] = ["platform/src", "core/src", "channels/src", "machine/src", "src"];
+const WITHOUT_CLAIM: [&str; 3] = [
+    "platform/src/model",
+    "platform/src/portable",
+    "machine/src/portable",
+];
 
 /// Files in which these words mean the framework's own locks.
 const OWN: [&str; 4] = [
@@ -38,15 +42,15 @@ const KNOWN: [(&str, &str); 16] = [
         "on a virtual clock nothing is real time",
     ),
     (
-        "platform/src/crash.rs",
+        "machine/src/crash.rs",
         "watches are installed before the start and removed after the end; the handler takes no lock",
     ),
     (
-        "platform/src/memory.rs",
+        "machine/src/memory.rs",
         "memory is locked before the start and unlocked after the end",
     ),
     (
-        "platform/src/signals.rs",
+        "machine/src/signals.rs",
         "watches are installed before the start and removed after the end",
     ),
     (
