@@ -3,8 +3,8 @@
 
 #![cfg(not(loom))]
 
-use luna_platform::latency::DmaLatency;
-use luna_platform::memory::{lock_memory, prefault_heap};
+use luna_machine::latency::DmaLatency;
+use luna_machine::memory::{lock_memory, prefault_heap};
 use luna_platform::shortfall::Shortfall;
 
 #[test]

@@ -2,7 +2,7 @@
 
 #![cfg(not(loom))]
 
-use luna_platform::signals::{Signal, SignalWatch, received};
+use luna_machine::signals::{Signal, SignalWatch, received};
 
 #[cfg(not(all(target_os = "linux", not(luna_portable))))]
 #[test]
@@ -18,8 +18,8 @@ fn the_portable_backend_says_that_it_has_none() {
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 mod linux {
     use super::*;
+    use luna_machine::signals::{SAME_REQUEST, event_count, wait_for_event};
     use luna_platform::clock::Instant;
-    use luna_platform::signals::{SAME_REQUEST, event_count, wait_for_event};
     use nix::sys::signal::{self as sys, kill};
     use nix::unistd::Pid;
     use std::io::{BufRead, BufReader};

@@ -3,8 +3,8 @@
 use super::super::threads;
 use super::{AFTER, BUSY, HARD, NETWORK, SIGNAL, SOFT, Spell};
 use luna::{Instant, Policy, now};
-use luna_platform::clock::processor_time;
 use luna_platform::clock::nanos;
+use luna_platform::clock::processor_time;
 use luna_platform::futex::Futex;
 use nix::sys::pthread::{Pthread, pthread_kill, pthread_self};
 use nix::sys::signal::{SigSet, Signal};
