@@ -1,8 +1,7 @@
 //! Waiting for the end of a process.
 
-use super::Exit;
-use super::record::Record;
-use crate::current::{self, ProcessId, Renewal, User};
+use super::{Exit, Process};
+use crate::current::{self, ProcessId, Renewal, User, WakeHandle};
 use crate::events;
 use crate::wait_list::WaitNode;
 use alloc::vec::Vec;
@@ -19,36 +18,54 @@ use core::task::{Context, Poll};
 /// The node of a waiter, in the list of the process' end.
 pub(super) struct JoinNode {
     /// First, so that the list's node leads back to this.
-    pub(super) wait: WaitNode,
+    wait: WaitNode,
     /// Cleared, as the last access to the node, by the thread that takes it off the list.
-    pub(super) listed: AtomicBool,
+    listed: AtomicBool,
+}
+
+impl JoinNode {
+    /// Takes the wake handle out of a node that was just taken off the list.
+    ///
+    /// # Safety
+    ///
+    /// `node` is that of a join, which is live; the lock that guards it is held. It is not used any
+    /// more.
+    pub(super) unsafe fn unlisted(node: NonNull<WaitNode>) -> Option<WakeHandle> {
+        let node = node.cast::<JoinNode>().as_ptr();
+        // SAFETY: the caller promises that the node is live, and that the lock is held.
+        unsafe {
+            let wake_handle = (*node).wait.wake_handle_mut().take();
+            (*node).listed.store(false, Ordering::Release);
+            wake_handle
+        }
+    }
 }
 
 /// Waits for the end of a process: see [`ProcessHandle::join`](crate::ProcessHandle::join).
 ///
 /// # Invariants
 ///
-/// `node` is accessed under the record's lock alone, once it is listed, but for `listed`; while
-/// that is so it is in the record's list.
+/// `node` is accessed under the process' lock alone, once it is listed, but for `listed`; while
+/// that is so it is in the process' list.
 #[must_use = "a join does nothing unless awaited"]
 pub struct Join<'a> {
-    record: &'a Record,
+    process: &'a Process,
     node: UnsafeCell<JoinNode>,
     /// Whether the node may be in the list. The future's own.
     may_be_listed: Cell<bool>,
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the node is guarded by the record's lock, wherever the future is.
+// SAFETY: the node is guarded by the process' lock, wherever the future is.
 unsafe impl Send for Join<'_> {}
 // SAFETY: `&Join` gives access to nothing; only code that has the future pinned, or drops it, uses
 // the cell.
 unsafe impl Sync for Join<'_> {}
 
 impl<'a> Join<'a> {
-    pub(super) fn new(record: &'a Record) -> Self {
+    pub(super) fn new(process: &'a Process) -> Self {
         Self {
-            record,
+            process,
             node: UnsafeCell::new(JoinNode {
                 wait: WaitNode::new(),
                 listed: AtomicBool::new(false),
@@ -73,13 +90,13 @@ impl Future for Join<'_> {
             self.may_be_listed.set(may_be_listed);
             Poll::Ready(exit)
         };
-        if let Some(exit) = self.record.exit() {
+        if let Some(exit) = self.process.exit() {
             return ended(exit);
         }
         let mut renewal = Renewal::of(cx);
         let has_ended = renewal.put(|renewal| {
-            let mut shown = self.record.shown.lock();
-            if self.record.has_ended() {
+            let mut shown = self.process.record.shown.lock();
+            if self.process.has_ended() {
                 return true;
             }
             // SAFETY: the lock is held; the node is pinned with the future and leaves the list
@@ -98,7 +115,7 @@ impl Future for Join<'_> {
             false
         });
         if has_ended {
-            return self.record.exit().map_or(Poll::Pending, ended);
+            return self.process.exit().map_or(Poll::Pending, ended);
         }
         events::waits_for_other();
         Poll::Pending
@@ -110,7 +127,7 @@ impl Drop for Join<'_> {
         if !self.may_be_listed.get() {
             return;
         }
-        let mut shown = self.record.shown.lock();
+        let mut shown = self.process.record.shown.lock();
         let node = NonNull::from(&self.node).cast::<JoinNode>();
         // SAFETY: the lock is held, and `listed` shows whether the node is in the list.
         unsafe {
@@ -121,15 +138,15 @@ impl Drop for Join<'_> {
     }
 }
 
-/// The processes that wait for the end of `record`'s.
-pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
+/// The processes that wait for the end of `process`.
+pub(super) fn joiners(process: &Process) -> Vec<ProcessId> {
     // Room is made without the lock, for as many as were there when it was held.
     let mut joiners = Vec::new();
     loop {
         let room = joiners.capacity();
         let mut count = 0;
         {
-            let shown = record.shown.lock();
+            let shown = process.record.shown.lock();
             let mut next = shown.joining.first();
             while let Some(node) = next {
                 // SAFETY: a node in the list is live, and guarded by the lock that is held.
@@ -152,4 +169,4 @@ pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
     }
 }
 
-luna_platform::debug_fields!(Join<'_>, |join| process: join.record.name);
+luna_platform::debug_fields!(Join<'_>, |join| process: join.process.id());
