@@ -3,10 +3,10 @@
 use super::late::Witness;
 use super::manager::Manager;
 use super::statistics::{LoopReport, Statistics};
-use crate::deployment::Deployment;
 use crate::error::SetupError;
-use crate::parameters::{Reader, Store};
 use arrayvec::ArrayString;
+use luna_config::deployment::Deployment;
+use luna_config::parameters::{Reader, Store};
 use luna_core::ProcessRegistry;
 use luna_core::current;
 use luna_core::events::{self, Kind};

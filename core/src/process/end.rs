@@ -3,10 +3,9 @@
 //! real-time path.
 
 use super::handle::{Exit, panic_message};
-use super::join::JoinNode;
 use super::{Process, ProcessRef, state};
 use crate::events::{self, code::ended};
-use crate::wait_list::WaitList;
+use crate::waiting::OpList;
 use alloc::boxed::Box;
 use core::any::{Any, TypeId};
 use core::mem::MaybeUninit;
@@ -45,7 +44,7 @@ pub(super) enum Abandoned {
 
 /// State that other threads read and change.
 pub(super) struct Shown {
-    pub(super) joining: WaitList,
+    pub(super) joining: OpList<()>,
     /// Of a process that has panicked. The message of a panic is made off the real-time path.
     panic: Option<Payload>,
     /// An exit value lies in the body's room.
@@ -55,7 +54,7 @@ pub(super) struct Shown {
 impl Shown {
     pub(super) const fn new() -> Self {
         Self {
-            joining: WaitList::new(),
+            joining: OpList::new(),
             panic: None,
             has_value: false,
         }
@@ -122,17 +121,12 @@ impl Process {
         // SAFETY: the caller promises what is demanded there.
         unsafe { self.set_ended(outcome) };
         // One by one, so that the lock is never held for more than a few steps.
-        while let Some(node) = shown.joining.pop() {
+        while let Some(wake) = shown.joining.take(|()| true) {
             // No further waiter can come.
             let is_last = shown.joining.is_empty();
-            // SAFETY: a node in the list is live and guarded by the lock that is held; its join
-            // uses it no more once it is not listed.
-            let wake_handle = unsafe { JoinNode::unlisted(node) };
             drop(shown);
-            if let Some(wake_handle) = wake_handle {
-                // The other waiters are notified all the same.
-                wake_handle.take().wake_contained();
-            }
+            // The other waiters are notified all the same.
+            wake.wake_contained();
             if is_last {
                 return;
             }

@@ -266,7 +266,7 @@ impl Books {
     fn overruns(&mut self, kind: BudgetKind) -> &mut Overruns {
         match kind {
             BudgetKind::Poll => &mut self.poll,
-            BudgetKind::Cycle => &mut self.cycle,
+            _ => &mut self.cycle,
         }
     }
 }

@@ -48,7 +48,7 @@ pub(crate) struct Emergency {
     is_to_end: AtomicBool,
     /// The simulation that the processes run on, if time is virtual.
     simulation: OnceLock<SimulationHandle>,
-    plan: Weak<Plan>,
+    pub(crate) plan: Weak<Plan>,
 }
 
 thread_local! {

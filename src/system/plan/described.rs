@@ -15,6 +15,16 @@ pub(crate) enum Placement {
     Thread(Box<Attributes>),
 }
 
+impl Placement {
+    /// The number of its executor, if it has no thread of its own.
+    pub(crate) fn executor(&mut self) -> Option<&mut usize> {
+        match self {
+            Placement::Executor(number) => Some(number),
+            Placement::Thread(_) => None,
+        }
+    }
+}
+
 /// A described process; `B` makes its body.
 pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
     pub(crate) place: Placement,

@@ -5,7 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The libraries' sources. The modelled and the portable platform make no real-time claim.
-const SOURCES: [&str; 4] = ["platform/src", "core/src", "channels/src", "src"];
+const SOURCES: [&str; 9] = [
+    "platform/src",
+    "core/src",
+    "channels/src",
+    "runtime/replay/src",
+    "runtime/config/src",
+    "runtime/error/src",
+    "devices/external/src",
+    "devices/manager/src",
+    "src",
+];
 const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
 
 /// Files in which these words mean the framework's own locks.
@@ -54,27 +64,27 @@ const KNOWN: [(&str, &str); 16] = [
         "a thread reports its start, once",
     ),
     (
-        "src/deployment/mod.rs",
+        "runtime/config/src/deployment/mod.rs",
         "the file is matched while the system is set up; a loop's period has no lock",
     ),
     (
-        "src/devices/manager.rs",
+        "devices/manager/src/manager.rs",
         "devices are opened at set-up, and closed where the path is left",
     ),
     (
-        "src/parameters/store/mod.rs",
+        "runtime/config/src/parameters/store/mod.rs",
         "parameters are declared before the body, and set and listed off the path; a loop uses another lock",
     ),
     (
-        "src/parameters/watch.rs",
+        "runtime/config/src/parameters/watch.rs",
         "the end of the thread that looks at the parameters' file",
     ),
     (
-        "src/replay/recorder.rs",
+        "runtime/replay/src/recorder.rs",
         "a process is entered when it is spawned, and the writer takes over what is new",
     ),
     (
-        "src/replay/replayer/mod.rs",
+        "runtime/replay/src/replayer/mod.rs",
         "a replay is on a virtual clock, where nothing is real time",
     ),
     (

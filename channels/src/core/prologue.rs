@@ -1,0 +1,661 @@
+//! The prologue of a plain send or receive between processes of one executor: nearly every
+//! communication.
+//!
+//! It is the same protocol as under the lock in any other way (`Operation::attempt_under`), without
+//! branches for what is not there: the lock is biased to the executor, so it is taken and left by
+//! plain stores; no waker is cloned or called; the process is neither traced nor has a replay log.
+//! The lock's word says what waits. Where that is none of the cases below, no value has moved, and
+//! the operation goes on under the lock that was taken here.
+//!
+//! ```text
+//!   lock biased to this executor? --> what waits, one word?
+//!      | no                             | nothing: the node waits alone
+//!      v                                | a partner alone: move, leave, ready it
+//!   takes the lock                      | a guard alone: commit it, then as above
+//!      |                                | a registered alternative: as a guard
+//!      |                                | a buffer with room, or with a value: store or take it
+//!      '-----> any other case <---------' queues
+//! ```
+//!
+//! A node that waits alone belongs to a process of this very executor: only the executor that owns
+//! the bias lets a node wait so, and a lock is biased to no second one.
+//!
+//! [`meet`] does not depend on the type of the values, so all channels share one copy of it for
+//! each direction. A system has processes of many kinds, and its channels many types: with a copy
+//! for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between its
+//! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
+
+use super::Channel;
+use crate::alternative::{Commit, commit, take_first};
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
+use crate::waiter::Waiter;
+use core::hint::assert_unchecked;
+use core::ptr::NonNull;
+use luna_core::biased_lock::{InsideGuard, Refused};
+use luna_core::current::{PlainPendingWake, PlainTurn};
+use luna_core::wait_list::WaitNode;
+
+/// Result of an operation on the fast path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FastPath {
+    /// It is done, and the partner is ready.
+    Done,
+    /// The node waits.
+    Waits,
+    /// It is done, and the process is queued again: others run first.
+    GaveWay,
+    /// No value has moved, and the operation is as new. The lock was [kept](InsideGuard::keep): the
+    /// operation goes on under it.
+    Inside,
+    /// Nothing has happened: the lock is not biased to this executor.
+    No,
+}
+
+/// A step of the fast path that depends on the type of the channel's values: the rest of [`meet`]
+/// where its condition holds. The lock was kept.
+///
+/// # Safety
+///
+/// `channel` is a pointer to the whole of a live channel of such values, and this thread has kept
+/// its lock. `node` is as for `meet`, of this channel and of the direction of the step.
+pub(crate) type Meet =
+    unsafe fn(NonNull<WaitPoint>, NonNull<Waiter<()>>, PlainTurn<'_>) -> FastPath;
+
+impl FastPath {
+    /// Of an operation that is done.
+    #[inline(always)]
+    pub(super) fn done(turn: PlainTurn<'_>) -> FastPath {
+        match turn.yields_after_operation() {
+            true => FastPath::GaveWay,
+            false => FastPath::Done,
+        }
+    }
+}
+
+/// Meets the partner that waits alone, or lets the operation wait. O(1).
+///
+/// # Safety
+///
+/// `node` is that of an operation of the channel around `wait_point`, a send if `SEND`, and not
+/// listed. A send's holds its value, and a receive's none. No other thread accesses it, and it
+/// stays where it is until it is settled or withdrawn. `channel` is a pointer to the whole channel.
+#[inline(always)]
+unsafe fn meet<const SEND: bool>(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: `channel` leads to a whole channel, whose first field is the wait point. The
+    // operation with this node borrows an end, which keeps the channel.
+    let wait_point = unsafe { channel.as_ref() };
+    // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
+    // closure of a `send_with` runs under one, but it has no plain turn.
+    let lists = match unsafe { wait_point.enter(turn) } {
+        Ok(lists) => lists,
+        Err(Refused::NotBiased) => return FastPath::No,
+        Err(Refused::Revoked) => return wait_point.revoked(FastPath::No),
+    };
+    // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and no
+    // other thread accesses its value; it belongs to a process of this executor. A sender's node
+    // holds a value, and a receiver's none: this one by `# Safety`, the waiting one by the waiter's
+    // invariant. `moves_word` says that the channel's values need no mover. Where the lock was
+    // kept, the callee takes it back.
+    unsafe {
+        if let Some(partner) = lists.waiting.one(!SEND) {
+            if !lists.moves_word {
+                lists.keep();
+                return part_long::<SEND>(wait_point, node, turn, partner);
+            }
+            let (from, to) = match SEND {
+                true => (node, partner.cast()),
+                false => (partner.cast(), node),
+            };
+            Waiter::move_word(from, to);
+            return part::<SEND>(wait_point, lists, partner, turn);
+        }
+        if lists.waiting.is_idle() {
+            return wait_alone::<SEND>(wait_point, lists, node, turn);
+        }
+        let waiting = lists.waiting;
+        lists.keep();
+        if waiting.is_store() {
+            return meet_store::<SEND>(channel, node, turn);
+        }
+        if SEND && waiting == Waiting::REGISTERED {
+            return (wait_point.identity.values.send_to_registered)(channel, node, turn);
+        }
+        match waiting.guard(!SEND) {
+            Some(guard) => meet_guard::<SEND>(wait_point, node, turn, guard),
+            None => meet_queues::<SEND>(channel, node, turn),
+        }
+    }
+}
+
+/// As the rest of [`meet`], at a channel with a buffer.
+///
+/// # Safety
+///
+/// As for [`meet`], of a channel with a buffer. The lock was kept.
+#[inline(always)]
+unsafe fn meet_store<const SEND: bool>(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the channel is live, as for `meet`. Its steps are those for the type of its values,
+    // and the lock was kept, which they take back. The node is passed on as it was given.
+    unsafe {
+        let values = channel.as_ref().identity.values;
+        match SEND {
+            true => (values.store)(channel, node, turn),
+            false => (values.take)(channel, node, turn),
+        }
+    }
+}
+
+/// As the rest of [`meet`], where a guard waits alone for an operation of this side: its
+/// alternative is committed first.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lock was kept, and `guard` waits alone for an operation of this side.
+#[inline(never)]
+unsafe fn meet_guard<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+    guard: NonNull<WaitNode>,
+) -> FastPath {
+    // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
+    // its select state, and no other thread can withdraw it under the lock: so `commit` finds that
+    // live. A stale guard is settled before `wait_alone` overwrites its note; a chosen one is taken
+    // off for `give`.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
+        match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
+            Commit::Chosen(ready) => {
+                lists.set_nothing_waits();
+                give::<SEND>(wait_point, lists, node, (guard, ready), turn)
+            }
+            Commit::Stale => {
+                Waiter::<()>::settle_stale(guard.cast());
+                wait_alone::<SEND>(wait_point, lists, node, turn)
+            }
+            Commit::No => go_on_inside(lists),
+        }
+    }
+}
+
+/// As the rest of [`meet`], where something else waits, or has waited until now.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lock was kept.
+#[cold]
+#[inline(never)]
+unsafe fn meet_queues<const SEND: bool>(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the channel is live, as for `meet`. The lock was kept, and is taken back once. `send`
+    // and `recv` are called without it, with the node as it was given.
+    unsafe {
+        let mut lists = channel.as_ref().kept(turn);
+        if !lists.leave_queues() {
+            return go_on_inside(lists);
+        }
+        drop(lists);
+        match SEND {
+            true => send(channel, node, turn),
+            false => recv(channel, node, turn),
+        }
+    }
+}
+
+/// The operation goes on under the lock.
+#[inline(always)]
+pub(super) fn go_on_inside(lists: InsideGuard<'_, WaitQueues>) -> FastPath {
+    lists.keep();
+    FastPath::Inside
+}
+
+/// Lets the operation wait alone.
+///
+/// # Safety
+///
+/// `node` is as for [`meet`]; the lists are those of `wait_point`, where nothing waits.
+#[inline(always)]
+pub(super) unsafe fn wait_alone<const SEND: bool>(
+    wait_point: &WaitPoint,
+    mut lists: InsideGuard<'_, WaitQueues>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // Read before the stores: the process is read once then.
+    let user = LastUser::process(turn.process().id());
+    // SAFETY: the node is in no list and no other thread accesses it, as for `meet`: what
+    // `begin_alone` demands.
+    unsafe { Waiter::begin_alone(node, turn) };
+    lists.note_user(SEND, user);
+    lists.set_alone(node.cast(), SEND);
+    if !lists.leave() {
+        return wait_point.revoked(FastPath::Waits);
+    }
+    FastPath::Waits
+}
+
+/// Lets the partner go after the value was moved: it is ready from here on.
+///
+/// # Safety
+///
+/// The lists are those of `wait_point`. The partner waits alone there: this executor has begun its
+/// node by [`Waiter::begin_alone`].
+#[inline(always)]
+unsafe fn part<const SEND: bool>(
+    wait_point: &WaitPoint,
+    mut lists: InsideGuard<'_, WaitQueues>,
+    partner: NonNull<WaitNode>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the partner waits alone, so `begin_alone` has written its wake, and on this thread: a
+    // lock is biased to one executor in all its life. The lock is held, so the wake is taken once.
+    // From here on the node is noted nowhere, as `depart` demands.
+    unsafe {
+        let ready = WaitNode::take_alone(partner.as_ptr());
+        lists.set_nothing_waits();
+        depart::<SEND>(wait_point, lists, (partner, ready), turn)
+    }
+}
+
+/// As the rest of [`part`], for a partner that was taken off.
+///
+/// # Safety
+///
+/// The lists are those of `wait_point`, and the value was moved. The partner's node was committed,
+/// is not settled, and is in no list, or is the entry of a registered alternative. `ready` is its
+/// wake, made in a plain turn on this thread.
+#[inline(always)]
+pub(super) unsafe fn depart<const SEND: bool>(
+    wait_point: &WaitPoint,
+    mut lists: InsideGuard<'_, WaitQueues>,
+    (partner, ready): (NonNull<WaitNode>, PlainPendingWake),
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the partner was committed and taken off under the lock that is still held, and its
+    // value was moved, so it is `Done`, as `settle_plain` demands. Its wake was made in a plain
+    // turn on this thread, which has left the lock when it wakes.
+    unsafe {
+        lists.note_user(SEND, LastUser::process(turn.process().id()));
+        Waiter::<()>::settle_plain(partner.cast());
+        if !lists.leave() {
+            return part_revoked(wait_point, ready, turn);
+        }
+        wake_partner(ready, turn)
+    }
+}
+
+/// Readies the partner of an operation that is done, and yields if another process is to run first.
+///
+/// # Safety
+///
+/// The wake handle was made in a plain turn on this thread, which holds no lock.
+#[inline(always)]
+pub(crate) unsafe fn wake_partner(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
+    // SAFETY: the handle was made in a plain turn on this thread, as is demanded here: all that the
+    // wake demands.
+    unsafe {
+        match ready.wake_if_none_ready(turn) {
+            Ok(()) => FastPath::Done,
+            Err(ready) => wake_otherwise(ready, turn),
+        }
+    }
+}
+
+/// As the rest of [`meet`], for a value that is longer than a word. The lock was kept. The
+/// arguments are in the order of `meet`, so that none is moved between registers.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lock was kept, and `partner` waits alone for an operation of this side.
+#[inline(never)]
+unsafe fn part_long<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+    partner: NonNull<WaitNode>,
+) -> FastPath {
+    let (from, to) = match SEND {
+        true => (node, partner.cast()),
+        false => (partner.cast(), node),
+    };
+    // SAFETY: of the two nodes the sender's holds a value and the receiver's none: `node` as for
+    // `meet`, the partner's since it waits. The lock was kept, so no other thread accesses them,
+    // and `kept` takes it back once. The partner waits alone, as `part` demands.
+    unsafe {
+        move_value(wait_point, from, to);
+        let lists = wait_point.kept(turn);
+        part::<SEND>(wait_point, lists, partner, turn)
+    }
+}
+
+/// Moves a value of any type between two nodes.
+///
+/// # Safety
+///
+/// As for [`Mover`](crate::wait_point::Mover): `from` holds a value, `to` holds none, and no other
+/// thread accesses either. Both are nodes of the channel around `wait_point`.
+#[inline(always)]
+unsafe fn move_value(wait_point: &WaitPoint, from: NonNull<Waiter<()>>, to: NonNull<Waiter<()>>) {
+    // SAFETY: a channel gives its wait point the mover for the type of its values, or none if a
+    // word holds one: so it fits both nodes. What it demands of their values is demanded here.
+    unsafe {
+        match wait_point.identity.values.mover {
+            Some(mover) => mover(from, to),
+            None => Waiter::move_word(from, to),
+        }
+    }
+}
+
+/// As the rest of [`part`].
+///
+/// # Safety
+///
+/// `ready` was made in a plain turn on this thread, which holds no lock.
+#[cold]
+#[inline(never)]
+unsafe fn part_revoked(
+    wait_point: &WaitPoint,
+    ready: PlainPendingWake,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    wait_point.after_revocation();
+    // SAFETY: `ready` was made in a plain turn on this thread, as is demanded here.
+    unsafe { wake_otherwise(ready, turn) }
+}
+
+/// Readies the partner, whatever is ready already.
+///
+/// # Safety
+///
+/// `ready` was made in a plain turn on this thread, which holds no lock.
+#[inline(never)]
+unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPath {
+    // SAFETY: `ready` was made in a plain turn on this thread, as is demanded here: all that the
+    // wake demands.
+    unsafe {
+        ready.fetch();
+        ready.wake();
+        FastPath::done(turn)
+    }
+}
+
+/// Moves the value between the operation with this node and a partner that does not wait any more,
+/// and lets the partner go.
+///
+/// # Safety
+///
+/// `node` is as for [`meet`], and the lists are those of `wait_point`. The partner waited for an
+/// operation of this side. It was committed and taken off, is not settled, and comes with its wake,
+/// made in a plain turn on this thread.
+#[inline(always)]
+unsafe fn give<const SEND: bool>(
+    wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
+    node: NonNull<Waiter<()>>,
+    partner: (NonNull<WaitNode>, PlainPendingWake),
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: of the two nodes the sender's holds a value and the receiver's none: `node` as for
+    // `meet`, the partner's since it waited and is not settled. The lock is held, so no other
+    // thread accesses them. Then the value was moved, and the partner is as `depart` demands.
+    unsafe {
+        let (from, to) = match SEND {
+            true => (node, partner.0.cast()),
+            false => (partner.0.cast(), node),
+        };
+        move_value(wait_point, from, to);
+        depart::<SEND>(wait_point, lists, partner, turn)
+    }
+}
+
+/// As [`meet`].
+///
+/// # Safety
+///
+/// As for [`meet`], of `channel` and `node`.
+#[inline(never)]
+unsafe fn send(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: `channel` and `node` are as `meet` demands, since this demands the same of a send's.
+    unsafe { meet::<true>(channel, node, turn) }
+}
+
+/// As [`meet`].
+///
+/// # Safety
+///
+/// As for [`meet`], of `channel` and `node`.
+#[inline(never)]
+unsafe fn recv(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: `channel` and `node` are as `meet` demands, since this demands the same of a
+    // receive's.
+    unsafe { meet::<false>(channel, node, turn) }
+}
+
+impl<T> Channel<T> {
+    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes.
+    ///
+    /// # Safety
+    ///
+    /// `node` is a plain operation's and not listed, and no other thread accesses it. A send's
+    /// holds its value, a receive's none. It stays where it is until it is settled or withdrawn.
+    #[inline(always)]
+    pub(crate) unsafe fn meet_fast(
+        &self,
+        is_sender: bool,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // The wait point is the channel's first field.
+        let channel = NonNull::from(self).cast();
+        // SAFETY: `channel` was made of a reference to the whole. By `# Safety` the node is new,
+        // holds a value if it sends and none if it receives, is known to its future alone, and
+        // stays: as `meet` demands.
+        unsafe {
+            match is_sender {
+                true => send(channel, node.cast(), turn),
+                false => recv(channel, node.cast(), turn),
+            }
+        }
+    }
+}
+
+/// Ends an operation that is done without a partner.
+///
+/// # Safety
+///
+/// `lists` are those of `wait_point`.
+#[inline(always)]
+pub(super) unsafe fn leave_done(
+    wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    if !lists.leave() {
+        return leave_revoked(wait_point, turn);
+    }
+    match turn.goes_on() {
+        true => FastPath::Done,
+        false => give_way(turn),
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn leave_revoked(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
+    wait_point.after_revocation();
+    give_way(turn)
+}
+
+/// Counts an operation that is done, and yields if another process is to run first.
+#[inline(never)]
+fn give_way(turn: PlainTurn<'_>) -> FastPath {
+    FastPath::done(turn)
+}
+
+/// Lets a partner go that waits alone and that an alternative has met, after the value was moved.
+/// The lock was kept.
+///
+/// # Safety
+///
+/// This thread has kept the lock, and the value was moved. The partner waits alone.
+#[inline(always)]
+pub(crate) unsafe fn part_alone(
+    wait_point: &WaitPoint,
+    partner: NonNull<WaitNode>,
+    by_sender: bool,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the lock was kept, the value was moved, and the partner waits alone, as is demanded
+    // here and there.
+    unsafe {
+        match by_sender {
+            true => part_kept::<true>(wait_point, partner, turn),
+            false => part_kept::<false>(wait_point, partner, turn),
+        }
+    }
+}
+
+/// # Safety
+///
+/// As for [`part_alone`]: the lock was kept, the value was moved, and the partner waits alone.
+#[inline(never)]
+unsafe fn part_kept<const SEND: bool>(
+    wait_point: &WaitPoint,
+    partner: NonNull<WaitNode>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the lock was kept, and is taken back once. The partner waits alone, as `part`
+    // demands.
+    unsafe { part::<SEND>(wait_point, wait_point.kept(turn), partner, turn) }
+}
+
+/// As [`part_alone`], for the first partner of a queue.
+///
+/// # Safety
+///
+/// This thread has kept the lock, of a plain channel without a buffer, and the value was moved. The
+/// partner is the first of its queue and a plain operation, of which
+/// [`Waiter::has_plain_wake_handle`] is true.
+#[cold]
+#[inline(never)]
+pub(crate) unsafe fn part_queued(
+    wait_point: &WaitPoint,
+    by_sender: bool,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
+    // without a buffer, as is demanded here. The partner was taken off, as `depart` demands.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
+        let queue = match by_sender {
+            true => lists.waiting_for::<true>(),
+            false => lists.waiting_for::<false>(),
+        };
+        match (take_first(queue, turn), by_sender) {
+            (Some(Some(partner)), true) => depart::<true>(wait_point, lists, partner, turn),
+            (Some(Some(partner)), false) => depart::<false>(wait_point, lists, partner, turn),
+            _ => unreachable!("the first of a queue has changed under the lock"),
+        }
+    }
+}
+
+impl<T> Channel<T> {
+    /// Stores the value of a sender, if there is room.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Meet`], of a send at a channel with a buffer where nothing waits.
+    pub(super) unsafe fn store_fast(
+        channel: NonNull<WaitPoint>,
+        node: NonNull<Waiter<()>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: `channel` leads to a whole channel of values of this type, whose first field is
+        // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
+        // demands that. This thread has kept the lock, which guards the store too, and takes it
+        // back once. A new send's node holds a value. The store of such a buffer was made with room
+        // for all that the buffer holds, and one that is not full has room for one more.
+        unsafe {
+            let this = channel.cast::<Self>().as_ref();
+            let mut lists = this.wait_point.kept(turn);
+            let is_stored = this.store.with_mut(|store| {
+                let store = &mut *store;
+                if store.len() >= this.capacity() {
+                    return false;
+                }
+                assert_unchecked(store.len() < store.capacity());
+                store.push_back(Waiter::take_value_of(node.cast::<Waiter<T>>()));
+                true
+            });
+            if !is_stored {
+                return go_on_inside(lists);
+            }
+            lists.note_user(true, LastUser::process(turn.process().id()));
+            lists.is_storing = true;
+            leave_done(&this.wait_point, lists, turn)
+        }
+    }
+
+    /// Receives a stored value, or lets the receiver wait.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Meet`], of a receive at a channel with a buffer where nothing waits.
+    pub(super) unsafe fn take_stored_fast(
+        channel: NonNull<WaitPoint>,
+        node: NonNull<Waiter<()>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: `channel` leads to a whole channel of values of this type, whose first field is
+        // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
+        // demands that. This thread has kept the lock, which guards the store too, and takes it
+        // back once. Where a value is stored, `pop_front` returns one. A new receive's node holds
+        // none, and only its future knows it. Else nothing waits, as `wait_alone` demands.
+        unsafe {
+            let this = channel.cast::<Self>().as_ref();
+            let mut lists = this.wait_point.kept(turn);
+            let stored = this.store.with(|store| (*store).len());
+            if stored == 0 {
+                return wait_for_value(&this.wait_point, lists, node, turn);
+            }
+            let value = this.store.with_mut(|store| (*store).pop_front());
+            Waiter::put_value_of(node.cast::<Waiter<T>>(), value.unwrap_unchecked());
+            lists.note_user(false, LastUser::process(turn.process().id()));
+            lists.is_storing = stored > 1;
+            leave_done(&this.wait_point, lists, turn)
+        }
+    }
+}
+
+/// # Safety
+///
+/// As for [`wait_alone`], of a receive.
+#[inline(never)]
+unsafe fn wait_for_value(
+    wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: as is demanded here.
+    unsafe { wait_alone::<false>(wait_point, lists, node, turn) }
+}
