@@ -271,7 +271,7 @@ impl Process {
             polls: AtomicU64::new(0),
             poll: AtomicPtr::new(NONE.poll as *mut ()),
             methods: Cell::new(&NONE),
-            inheritance: Inheritance::new(level),
+            inheritance: Inheritance::new(),
             #[cfg(not(loom))]
             record: record::Record::none(),
         }

@@ -106,7 +106,7 @@ impl Process {
             is_listed: spec.is_listed,
             is_unhurried: spec.is_unhurried,
             shown: match is_here {
-                true => BiasedLock::biased_to_this_executor(Shown::new()),
+                true => BiasedLock::biased_in(current::Here::now(), Shown::new()),
                 false => BiasedLock::new(Shown::new()),
             },
             ..Record::none()
