@@ -29,7 +29,7 @@ mod guards;
 mod queued;
 
 pub(super) use guards::{give_revoked, guard_refuses, not_committed};
-pub(crate) use queued::{part_alone, part_queued};
+pub(crate) use queued::part_alone;
 
 use super::Channel;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};

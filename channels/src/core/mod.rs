@@ -25,7 +25,7 @@ mod hand_off;
 mod locked;
 mod registered;
 
-pub(crate) use fast_path::{FastPath, Meet, part_alone, part_queued, wake_partner};
+pub(crate) use fast_path::{FastPath, Meet, part_alone, wake_partner};
 pub(crate) use hand_off::HandOff;
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
 
@@ -399,7 +399,7 @@ impl<T> Channel<T> {
                 }
             };
             drop(locked);
-            if let Some(wake_handle) = closed.flatten() {
+            if let Some(wake_handle) = closed {
                 let rest = Finally::new(|| self.ring_all());
                 wake_handle.take().wake();
                 rest.cancel();

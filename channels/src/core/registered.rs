@@ -36,11 +36,12 @@ impl<T> Channel<T> {
                 return FastPath::No;
             };
             let select_state = Entry::<T>::select_state(node.cast());
-            let commit_lock = match select_state.enter_commit_lock(turn) {
+            let mut commit_lock = match select_state.enter_commit_lock(turn) {
                 Ok(commit_lock) => commit_lock,
                 Err(refused) => return guard_refuses(lists, select_state, refused),
             };
-            let Some(committed) = Entry::<T>::commit_or_announce(node.cast()) else {
+            let Some(committed) = Entry::<T>::commit_or_announce(node.cast(), &mut commit_lock)
+            else {
                 return not_committed(lists, select_state, commit_lock);
             };
             let is_biased = commit_lock.leave();

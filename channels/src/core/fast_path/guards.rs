@@ -2,7 +2,7 @@
 
 use super::{FastPath, depart, give, move_value, wait_alone};
 use crate::alternative::{Commit, commit};
-use crate::select_state::SelectState;
+use crate::select_state::{Opening, SelectState};
 use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use core::ptr::NonNull;
@@ -44,11 +44,11 @@ pub(super) unsafe fn meet_guard<const SEND: bool>(
             Waiter::<()>::settle_stale(guard.cast());
             return wait_alone::<SEND>(wait_point, lists, node, turn);
         }
-        let commit_lock = match select_state.enter_commit_lock(turn) {
+        let mut commit_lock = match select_state.enter_commit_lock(turn) {
             Ok(commit_lock) => commit_lock,
             Err(refused) => return guard_refuses(lists, select_state, refused),
         };
-        let Some(ready) = select_state.commit_plainly(number) else {
+        let Some(ready) = select_state.commit_plainly(&mut commit_lock, number) else {
             return not_committed(lists, select_state, commit_lock);
         };
         lists.set_nothing_waits();
@@ -121,7 +121,7 @@ pub(in crate::core) fn guard_refuses(
 pub(in crate::core) fn not_committed(
     lists: InsideGuard<'_, WaitQueues>,
     select_state: &SelectState,
-    commit_lock: InsideGuard<'_, ()>,
+    commit_lock: InsideGuard<'_, Opening>,
 ) -> FastPath {
     let refused = match commit_lock.leave() {
         true => Refused::NotBiased,
