@@ -20,6 +20,7 @@
 
 use core::mem::replace;
 use core::ptr::NonNull;
+use core::task::Context;
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard, Refused};
 use luna_core::current::{Here, PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
@@ -259,6 +260,13 @@ impl SelectState {
         self.state
             .store(guard.saturating_add(CHOSEN), Ordering::Release);
         Some(ready)
+    }
+
+    /// Whether it is open and would not wake the process of this poll.
+    pub(crate) fn wakes_another(&self, cx: &Context<'_>) -> bool {
+        let opening = self.commit_lock.lock();
+        let wake_handle = opening.wake_handle.as_ref();
+        self.is_open() && wake_handle.is_some_and(|wake_handle| !wake_handle.is_of(cx))
     }
 
     /// Gives the owner of an open one another wake handle; returns the handle that is not used any

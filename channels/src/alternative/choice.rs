@@ -35,7 +35,7 @@ use core::marker::PhantomPinned;
 use core::mem::MaybeUninit;
 use core::pin::Pin;
 use core::ptr::NonNull;
-use core::task::{Context, Poll, RawWakerVTable};
+use core::task::{Context, Poll};
 use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PendingWake, PlainTurn, Turn};
 use luna_core::wait_list::WaitNode;
@@ -44,9 +44,6 @@ use luna_platform::clock::Clock;
 /// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
 /// which also costs less for many.
 pub(super) const MAX_GUARDS: usize = 32;
-
-/// Which waker polled: two of the same identity wake the same.
-type Identity = (*const (), *const RawWakerVTable);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
@@ -80,14 +77,11 @@ pub struct Choice<'b, 'a> {
     has_select_state: bool,
     state: State,
     select_state: MaybeUninit<SelectState>,
-    /// In a turn that is not plain. A waker that polls there next after a plain turn is new.
-    polled_by: Identity,
     stop: Stop,
     _pinned: PhantomPinned,
 }
 
-// SAFETY: the offers may be sent, the select state is shared by atomics and locks, and the identity
-// is only compared.
+// SAFETY: the offers may be sent, and the select state is shared by atomics and locks.
 unsafe impl Send for Choice<'_, '_> {}
 // SAFETY: `&Choice` gives access to nothing.
 unsafe impl Sync for Choice<'_, '_> {}
@@ -115,15 +109,9 @@ pub fn choose<'b, 'a, const N: usize>(
         has_select_state: false,
         state: State::New,
         select_state: MaybeUninit::uninit(),
-        polled_by: (core::ptr::null(), core::ptr::null()),
         stop: Stop::new(),
         _pinned: PhantomPinned,
     }
-}
-
-fn identity(turn: Turn<'_>) -> Identity {
-    let context = turn.context();
-    (context.waker().data(), context.waker().vtable())
 }
 
 impl Future for Choice<'_, '_> {
@@ -131,10 +119,11 @@ impl Future for Choice<'_, '_> {
 
     #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<u32> {
-        let turn = Turn::of(cx);
+        let (this, turn) = (self.in_place(), Turn::of(cx));
         match turn.plain() {
-            Some(plain) => self.in_place().poll_plain(plain, turn),
-            None => self.in_place().poll_otherwise(turn),
+            Some(plain) if this.state == State::New => this.begin_plain(plain, turn),
+            Some(_) => this.finish_plain(turn),
+            None => this.poll_otherwise(turn),
         }
     }
 }
@@ -181,7 +170,7 @@ fn prepare(wait_point: &WaitPoint, lists: &mut WaitQueues) {
 
 /// Takes the first guard, in the order of preference, out of a set of them.
 #[inline(always)]
-fn take_preferred(offers: &[Offer<'_>], set: &mut u32, by_stamp: bool) -> Option<usize> {
+pub(super) fn take_preferred(offers: &[Offer<'_>], set: &mut u32, by_stamp: bool) -> Option<usize> {
     let mut preferred = (*set != 0).then(|| set.trailing_zeros() as usize)?;
     if by_stamp && set.count_ones() > 1 {
         let members = (0..offers.len()).filter(|&number| *set & (1 << number) != 0);
@@ -192,35 +181,40 @@ fn take_preferred(offers: &[Offer<'_>], set: &mut u32, by_stamp: bool) -> Option
 }
 
 impl<'a> Choice<'_, 'a> {
+    /// Polls a new one in a plain turn.
     #[inline(never)]
-    fn poll_plain(&mut self, plain: PlainTurn<'_>, turn: Turn<'_>) -> Poll<u32> {
-        match self.state {
-            State::New => {
-                // SAFETY: an owner opens a select state after a lock was taken: by its bias.
-                let owner = unsafe { OwnLocks::of(plain) };
-                if let Some(polled) = self.decide(Own::of(plain), owner, turn) {
-                    return polled;
-                }
-            }
-            State::Listed => {
-                if let Some(number) = self.is_met() {
-                    self.note_choice(number);
-                    self.withdraw_but(number as usize, turn);
-                    self.state = State::Over;
-                    return Poll::Ready(number);
-                }
-            }
-            _ => {}
+    fn begin_plain(&mut self, plain: PlainTurn<'_>, turn: Turn<'_>) -> Poll<u32> {
+        // SAFETY: a select state is opened after a lock was taken: by its bias.
+        let owner = unsafe { OwnLocks::of(plain) };
+        // The locks are left before anything else is tried.
+        let decided = self.decide(&mut Own::of(plain), owner, turn);
+        match decided {
+            Some(polled) => polled,
+            None => self.poll_otherwise(turn),
         }
-        self.poll_otherwise(turn)
+    }
+
+    /// Polls one in a plain turn that is not new.
+    #[inline(never)]
+    fn finish_plain(&mut self, turn: Turn<'_>) -> Poll<u32> {
+        let Some(number) = self.is_met() else {
+            return self.poll_otherwise(turn);
+        };
+        self.note_choice(number);
+        self.withdraw_but(number as usize, turn);
+        self.state = State::Over;
+        Poll::Ready(number)
     }
 
     /// The guard that a partner has chosen, if it is plain and done.
     #[inline(always)]
     fn is_met(&self) -> Option<u32> {
+        if self.state != State::Listed {
+            return None;
+        }
         // SAFETY: in `Listed` it is there.
         let number = unsafe { self.select_state.assume_init_ref() }.chosen()?;
-        let waiter = self.offers[number as usize].plain()?;
+        let waiter = self.offers.get(number as usize)?.plain()?;
         // SAFETY: the node was begun when it was listed.
         (unsafe { Waiter::outcome(waiter) } == Outcome::Done).then_some(number)
     }
@@ -230,116 +224,98 @@ impl<'a> Choice<'_, 'a> {
     #[inline(always)]
     fn decide<'l, L: Locks<'l>>(
         &mut self,
-        mut locks: L,
+        locks: &mut L,
         owner: impl Owner,
         turn: Turn<'_>,
     ) -> Option<Poll<u32>>
     where
         'a: 'l,
     {
-        let (mut candidates, mut least) = (0, u64::MAX);
-        let (mut has_locks, mut has_times) = (!L::OWN, false);
+        let (mut candidates, mut least, mut times) = (0_u32, u64::MAX, 0);
         for (number, offer) in self.offers.iter().enumerate() {
-            let wait_point = offer.wait_point();
             // One behind a ready one, in the order of preference, cannot be chosen.
-            let is_behind = least != u64::MAX && self.is_fair && offer.stamp() >= least;
-            if !locks.reach(wait_point.filter(|_| !is_behind)) {
-                return None;
-            }
-            let Some(wait_point) = wait_point else {
-                has_times |= offer.is_open();
-                candidates |= u32::from(offer.is_open()) << number;
+            let is_behind = least != u64::MAX && offer.stamp() >= least;
+            let Some(wait_point) = offer.wait_point().filter(|_| !is_behind) else {
+                locks.pass_over();
+                times += u32::from(offer.is_of_time());
+                candidates |= u32::from(offer.is_of_time()) << number;
                 continue;
             };
-            has_locks = true;
-            let Some(lists) = locks.lists(number, wait_point) else {
-                continue;
-            };
-            match look::<L>(lists, offer) {
+            match locks.reach(wait_point, |lists| look::<L>(lists, offer))? {
                 Look::NotReady => {}
                 Look::Maybe => candidates |= 1 << number,
                 Look::Ready => {
                     candidates |= 1 << number;
-                    least = offer.stamp();
                     if !self.is_fair {
                         break;
                     }
+                    least = offer.stamp();
                 }
             }
-        }
-        if !has_locks {
-            // Nothing shows that a lock may be biased to this executor.
-            return None;
         }
         let mut is_to_release = !L::OWN;
         while let Some(number) = take_preferred(self.offers, &mut candidates, self.is_fair) {
             let offer = &mut self.offers[number];
-            if let Some(wait_point) = offer.wait_point()
+            if L::OWN
+                && let Some(wait_point) = offer.wait_point()
                 && let Some(partner) = alone(locks.lists(number, wait_point), offer)
-                && let Some((lists, plain)) = locks.own(number)
+                && let Some((lists, plain)) = locks.leave_others(number)
             {
-                drop(locks);
-                return Some(self.meet(number, (wait_point, lists, plain), partner, is_to_release));
+                let met = self.meet(number, (wait_point, lists, plain), partner, is_to_release);
+                return Some(met);
             }
             is_to_release = true;
-            if let Attempt::Ready(ready) = attempt(offer, number, &mut locks, turn) {
+            if let Attempt::Ready(ready) = attempt(offer, number, locks, turn) {
                 return Some(self.made(number, ready, locks, turn));
             }
         }
         if self.has_skip {
             return Some(self.made(self.offers.len(), PendingWake::NONE, locks, turn));
         }
-        let limit = if has_times { self.limit() } else { None };
+        if L::OWN && self.offers.iter().all(|offer| offer.wait_point().is_none()) {
+            // Nothing shows that a lock may be biased to this executor.
+            return None;
+        }
+        let limit = if times != 0 { self.limit() } else { None };
         self.select_state.write(owner.open(limit));
         self.has_select_state = true;
         self.state = State::Listed;
-        is_to_release |= self.list(locks, turn);
-        if is_to_release {
-            self.release(0);
-        }
-        if has_times || !L::OWN {
-            self.polled_by = identity(turn);
-            return Some(self.poll_listed(turn));
-        }
-        Some(Poll::Pending)
-    }
-
-    /// Lists the guards, none of which is ready, and releases the locks. Returns whether a guard
-    /// is to be told of that.
-    #[inline(always)]
-    fn list<'l, L: Locks<'l>>(&mut self, mut locks: L, turn: Turn<'_>) -> bool
-    where
-        'a: 'l,
-    {
         let select_state = NonNull::from(&mut self.select_state).cast();
         let user = LastUser::of(turn.here().user());
-        let mut is_to_release = !L::OWN;
         // In the order of preference: a partner finds the preferred one of two guards of one
         // channel. Where each has a lock of its own, no channel stands here twice.
-        let mut left = ((1_u64 << self.offers.len()) - 1) as u32;
-        while let Some(number) = take_preferred(self.offers, &mut left, self.is_fair && !L::OWN) {
-            let offer = &mut self.offers[number];
-            let Some(wait_point) = offer.wait_point() else {
-                continue;
-            };
-            let Some(mut lists) = locks.hold(number, wait_point) else {
-                continue;
-            };
-            if L::OWN
-                && lists.waiting.is_idle()
-                && let Some(waiter) = offer.plain()
-            {
-                // SAFETY: the node is new, so no other thread knows it; it is withdrawn before it
-                // and the select state go.
-                unsafe { Waiter::begin_guard_alone(waiter, select_state, number as u32) };
-                lists.note_user(offer.of_sender(), user);
-                lists.waiting = Waiting::alone_guard(waiter.cast(), offer.of_sender());
-                continue;
-            }
-            is_to_release = true;
-            list_itself(offer, number, wait_point, &mut lists, select_state);
+        locks.for_each(
+            self.offers,
+            self.is_fair,
+            |number, offer, wait_point, lists| {
+                if L::OWN
+                    && lists.waiting.is_idle()
+                    && let Some(waiter) = offer.plain()
+                {
+                    // SAFETY: the node is new, so no other thread knows it; it is withdrawn before it
+                    // and the select state go.
+                    unsafe { Waiter::begin_guard_alone(waiter, select_state, number as u32) };
+                    lists.note_user(offer.of_sender(), user);
+                    lists.waiting = Waiting::alone_guard(waiter.cast(), offer.of_sender());
+                } else {
+                    is_to_release = true;
+                    list_itself(offer, number, wait_point, lists, select_state);
+                }
+            },
+        );
+        locks.leave();
+        match is_to_release || times != 0 {
+            true => Some(self.listed(turn)),
+            false => Some(Poll::Pending),
         }
-        is_to_release
+    }
+
+    /// All guards are listed, and the locks were released.
+    #[cold]
+    #[inline(never)]
+    fn listed(&mut self, turn: Turn<'_>) -> Poll<u32> {
+        self.release(0);
+        self.poll_listed(turn)
     }
 
     /// Lets a ready guard meet the partner that waits alone, and the partner go.
@@ -379,13 +355,13 @@ impl<'a> Choice<'_, 'a> {
         &mut self,
         number: usize,
         ready: PendingWake,
-        locks: L,
+        locks: &mut L,
         turn: Turn<'_>,
     ) -> Poll<u32> {
         let number = number as u32;
         // Before a foreign waker can panic.
         self.state = State::Chosen(number);
-        drop(locks);
+        locks.leave();
         self.note_choice(number);
         let released = Finally::new(|| self.release(0));
         ready.wake();
@@ -422,7 +398,11 @@ impl<'a> Choice<'_, 'a> {
         if self.is_fair
             && let Some(chosen) = self.offers.get(number as usize)
         {
-            chosen.choose(self.offers.iter().map(Offer::stamp).max().unwrap_or(0));
+            let mut greatest = 0;
+            for offer in &*self.offers {
+                greatest = greatest.max(offer.stamp());
+            }
+            chosen.choose(greatest);
         }
     }
 

@@ -10,37 +10,51 @@
 //! addresses. No thread waits for a lock against that order while it holds another, so there is no
 //! deadlock.
 
-use super::choice::MAX_GUARDS;
+use super::choice::{MAX_GUARDS, take_preferred};
 use super::offer::Offer;
 use crate::wait_point::{WaitPoint, WaitQueues};
 use arrayvec::ArrayVec;
-use core::ops::DerefMut;
 use core::ptr;
 use luna_core::biased_lock::{BiasedGuard, InsideGuard};
 use luna_core::current::PlainTurn;
 
-/// The locks, in whichever way they are held. A guard's lists are asked for by the guard's number
-/// and its wait point.
-pub(super) trait Locks<'a> {
+/// The locks, in whichever way they are held. The guards are gone through once, in the order
+/// written; then a guard's lists are asked for by its number and its wait point.
+pub(super) trait Locks<'l> {
     /// Whether each guard has a lock of its own, which this executor holds by its bias.
     const OWN: bool;
 
-    /// The lists of one guard, which are held as long as this.
-    type Held<'x>: DerefMut<Target = WaitQueues>
-    where
-        Self: 'x;
+    /// Goes to the next guard, and looks at the lists of its wait point. `None`: its lock cannot be
+    /// taken in this way.
+    fn reach<R>(
+        &mut self,
+        wait_point: &'l WaitPoint,
+        look: impl FnOnce(&mut WaitQueues) -> R,
+    ) -> Option<R>;
 
-    /// Takes the lock of the next guard, if it has one. `false`: not possible in this way.
-    fn reach(&mut self, wait_point: Option<&'a WaitPoint>) -> bool;
+    /// Goes to the next guard, which is not looked at.
+    fn pass_over(&mut self);
 
-    /// The lists of a guard that was reached.
-    fn lists(&mut self, number: usize, wait_point: &'a WaitPoint) -> Option<&mut WaitQueues>;
+    /// The lists of a guard that was looked at.
+    fn lists(&mut self, number: usize, wait_point: &'l WaitPoint) -> Option<&mut WaitQueues>;
 
-    /// The lists of a guard that was reached, for the last time.
-    fn hold(&mut self, number: usize, wait_point: &'a WaitPoint) -> Option<Self::Held<'_>>;
+    /// Calls `f` for each guard that was looked at: in the order written, or by its stamp where
+    /// `is_fair` and two may have the same lists.
+    fn for_each<'a: 'l>(
+        &mut self,
+        offers: &mut [Offer<'a>],
+        is_fair: bool,
+        f: impl FnMut(usize, &mut Offer<'a>, &'l WaitPoint, &mut WaitQueues),
+    );
 
-    /// As [`hold`](Self::hold), by the bias to the executor of this turn.
-    fn own(&mut self, number: usize) -> Option<(InsideGuard<'a, WaitQueues>, PlainTurn<'a>)>;
+    /// Releases all locks but that of one guard, if each has its own.
+    fn leave_others(
+        &mut self,
+        number: usize,
+    ) -> Option<(InsideGuard<'l, WaitQueues>, PlainTurn<'l>)>;
+
+    /// Releases all locks.
+    fn leave(&mut self);
 }
 
 /// Locks that are biased to the executor of a plain turn.
@@ -59,40 +73,61 @@ impl<'a> Own<'a> {
     }
 }
 
-impl<'a> Locks<'a> for Own<'a> {
+impl<'l> Locks<'l> for Own<'l> {
     const OWN: bool = true;
 
-    type Held<'x>
-        = InsideGuard<'a, WaitQueues>
-    where
-        Self: 'x;
-
     #[inline(always)]
-    fn reach(&mut self, wait_point: Option<&'a WaitPoint>) -> bool {
-        let guard = match wait_point {
-            Some(wait_point) => match wait_point.enter_in(self.turn.here()) {
-                None => return false,
-                entered => entered,
-            },
-            None => None,
-        };
-        self.guards.push(guard);
-        true
+    fn reach<R>(
+        &mut self,
+        wait_point: &'l WaitPoint,
+        look: impl FnOnce(&mut WaitQueues) -> R,
+    ) -> Option<R> {
+        let mut lists = wait_point.enter_in(self.turn.here())?;
+        let looked = look(&mut lists);
+        self.guards.push(Some(lists));
+        Some(looked)
     }
 
     #[inline(always)]
-    fn lists(&mut self, number: usize, _: &'a WaitPoint) -> Option<&mut WaitQueues> {
+    fn pass_over(&mut self) {
+        self.guards.push(None);
+    }
+
+    #[inline(always)]
+    fn lists(&mut self, number: usize, _: &'l WaitPoint) -> Option<&mut WaitQueues> {
         self.guards.get_mut(number)?.as_deref_mut()
     }
 
     #[inline(always)]
-    fn hold(&mut self, number: usize, _: &'a WaitPoint) -> Option<InsideGuard<'a, WaitQueues>> {
-        self.guards.get_mut(number)?.take()
+    fn for_each<'a: 'l>(
+        &mut self,
+        offers: &mut [Offer<'a>],
+        _: bool,
+        mut f: impl FnMut(usize, &mut Offer<'a>, &'l WaitPoint, &mut WaitQueues),
+    ) {
+        let guards = self.guards.drain(..).zip(offers).enumerate();
+        for (number, (lists, offer)) in guards {
+            if let Some(mut lists) = lists
+                && let Some(wait_point) = offer.wait_point()
+            {
+                f(number, offer, wait_point, &mut lists);
+            }
+        }
     }
 
     #[inline(always)]
-    fn own(&mut self, number: usize) -> Option<(InsideGuard<'a, WaitQueues>, PlainTurn<'a>)> {
-        Some((self.guards.get_mut(number)?.take()?, self.turn))
+    fn leave_others(
+        &mut self,
+        number: usize,
+    ) -> Option<(InsideGuard<'l, WaitQueues>, PlainTurn<'l>)> {
+        let own = self.guards.get_mut(number)?.take()?;
+        self.leave();
+        Some((own, self.turn))
+    }
+
+    #[inline(always)]
+    fn leave(&mut self) {
+        self.guards.clear();
     }
 }
 
@@ -131,19 +166,20 @@ fn order(wait_point: &WaitPoint) -> u64 {
     wait_point.identity.id()
 }
 
-impl<'a> Locks<'a> for InOrder<'a> {
+impl<'l> Locks<'l> for InOrder<'l> {
     const OWN: bool = false;
 
-    type Held<'x>
-        = &'x mut WaitQueues
-    where
-        Self: 'x;
-
-    fn reach(&mut self, _: Option<&'a WaitPoint>) -> bool {
-        true
+    fn reach<R>(
+        &mut self,
+        wait_point: &'l WaitPoint,
+        look: impl FnOnce(&mut WaitQueues) -> R,
+    ) -> Option<R> {
+        self.lists(0, wait_point).map(look)
     }
 
-    fn lists(&mut self, _: usize, wait_point: &'a WaitPoint) -> Option<&mut WaitQueues> {
+    fn pass_over(&mut self) {}
+
+    fn lists(&mut self, _: usize, wait_point: &'l WaitPoint) -> Option<&mut WaitQueues> {
         let key = order(wait_point);
         let index = self
             .0
@@ -152,11 +188,28 @@ impl<'a> Locks<'a> for InOrder<'a> {
         Some(&mut self.0[index].1)
     }
 
-    fn hold(&mut self, number: usize, wait_point: &'a WaitPoint) -> Option<&mut WaitQueues> {
-        self.lists(number, wait_point)
+    fn for_each<'a: 'l>(
+        &mut self,
+        offers: &mut [Offer<'a>],
+        is_fair: bool,
+        mut f: impl FnMut(usize, &mut Offer<'a>, &'l WaitPoint, &mut WaitQueues),
+    ) {
+        let mut left = ((1_u64 << offers.len()) - 1) as u32;
+        while let Some(number) = take_preferred(offers, &mut left, is_fair) {
+            let offer = &mut offers[number];
+            if let Some(wait_point) = offer.wait_point()
+                && let Some(lists) = self.lists(number, wait_point)
+            {
+                f(number, offer, wait_point, lists);
+            }
+        }
     }
 
-    fn own(&mut self, _: usize) -> Option<(InsideGuard<'a, WaitQueues>, PlainTurn<'a>)> {
+    fn leave_others(&mut self, _: usize) -> Option<(InsideGuard<'l, WaitQueues>, PlainTurn<'l>)> {
         None
+    }
+
+    fn leave(&mut self) {
+        self.0.clear();
     }
 }

@@ -1,7 +1,7 @@
 //! Polls in a turn that is not plain, or with locks of others, or of an alternative that something
 //! else has happened to.
 
-use super::{Choice, State, identity};
+use super::{Choice, State};
 use crate::alternative::locks::InOrder;
 use crate::alternative::offer::Offer;
 use crate::replay;
@@ -67,7 +67,7 @@ impl<'a> Choice<'_, 'a> {
         // Made before the locks are taken, and dropped after that if it is not used.
         let mut wake_handle = (!self.has_skip).then(|| turn.wake_handle());
         let owner = (turn.here(), &mut wake_handle);
-        match self.decide(InOrder::of(self.offers), owner, turn) {
+        match self.decide(&mut InOrder::of(self.offers), owner, turn) {
             Some(polled) => polled,
             None => unreachable!("all locks can be taken in their order"),
         }
@@ -104,11 +104,10 @@ impl<'a> Choice<'_, 'a> {
             // Committed by a partner or by this; this process need not be woken.
             _former = self.select_state().commit_own(number);
         }
-        if self.select_state().chosen().is_none() && self.polled_by != identity(turn) {
+        if self.select_state().wakes_another(&turn.context()) {
             // Rare: only combinators with wakers of their own come here. The drop of the former handle
             // may make a guard ready.
             drop(self.select_state().replace_wake_handle(turn.wake_handle()));
-            self.polled_by = identity(turn);
         }
         match self.select_state().chosen() {
             None => Poll::Pending,
