@@ -24,5 +24,5 @@ pub use crate::system::Observer;
 pub use crate::system::announcement::{
     AnnouncedSystem, AnnouncedSystems, AnnouncedThread, announced_systems,
 };
-pub use crate::system::deadlock::{Deadlock, Operation, Partner, Wait};
 pub use luna_channels::inspect::{Role, WaitPointKind, WaitPointView, Waiting, wait_points};
+pub use luna_error::{Deadlock, Operation, Partner, Wait};

@@ -59,14 +59,11 @@
 pub mod alternative;
 pub mod channel;
 mod csp;
-mod deployment;
 #[cfg(unix)]
 pub mod devices;
 pub mod error;
 #[cfg(unix)]
 pub mod external;
-#[doc(hidden)]
-pub mod file;
 pub mod inspect;
 pub mod log;
 mod notice;
@@ -106,6 +103,9 @@ pub use sync::Barrier;
 pub use system::{Executor, Policy, System};
 #[doc(inline)]
 pub use time::{Instant, Periodic, Timer, after, at, now, periodic, ticks};
+
+#[doc(hidden)]
+pub use luna_config::file;
 
 #[doc(hidden)]
 #[allow(deprecated, reason = "their names stay for one release")]

@@ -23,6 +23,6 @@ pub use crate::csp::par::{ParAll, par_all, par_for};
 pub use crate::csp::process::{IntoProcess, Process};
 pub use crate::csp::supervised::run;
 pub use luna_core::current::ProcessId;
-pub use luna_executors::{
+pub use luna_core::{
     Blocking, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking, yield_now,
 };

@@ -25,8 +25,6 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
-pub use crate::deployment::{DeploymentReport, Override};
-pub use crate::replay::recorder::RecordReport;
 pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
 pub use crate::safety::report::SafetyReport;
@@ -36,19 +34,21 @@ pub use crate::time::late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstea
 pub use crate::time::manager::{CallbackReport, TimersReport};
 pub use crate::time::stamp::StampReport;
 pub use crate::time::statistics::LoopReport;
+pub use luna_config::deployment::{DeploymentReport, Override};
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;
 #[cfg(feature = "logger")]
 pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
-pub use luna_platform::facts::RealTimeShare;
+pub use luna_machine::facts::RealTimeShare;
+pub use luna_machine::usage::ThreadUsage;
 pub use luna_platform::shortfall::Shortfall;
-pub use luna_platform::usage::ThreadUsage;
+pub use luna_replay::RecordReport;
 
-use crate::system::deadlock::Deadlock;
 use crate::system::{ClockKind, Member};
 use crate::time::short;
-use luna_executors::Exit;
-use luna_platform::signals;
+use luna_core::Exit;
+use luna_error::Deadlock;
+use luna_machine::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;
 use std::fmt;

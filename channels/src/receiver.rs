@@ -118,7 +118,7 @@ impl<T> Receiver<T> {
     /// plain `recv` at your runtime's timeout instead, which loses nothing either.
     ///
     /// ```
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (_sender, receiver) = luna_channels::channel::<u32>();
     /// let late = receiver.recv_timeout(std::time::Duration::from_millis(1)).await;
     /// assert!(late.unwrap_err().is_timeout());
@@ -137,7 +137,7 @@ impl<T> Receiver<T> {
     ///
     /// ```
     /// use luna_platform::clock::Instant;
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (_sender, receiver) = luna_channels::channel::<u32>();
     /// assert!(receiver.recv_deadline(Instant::now()).await.unwrap_err().is_timeout());
     /// # }).unwrap();
@@ -163,7 +163,7 @@ impl<T> Receiver<T> {
     /// [`RecvTimeoutError::Timeout`] if it was given up, else as for `recv`.
     ///
     /// ```
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (sender, receiver) = luna_channels::channel::<u32>();
     /// let (keeps, over) = luna_channels::channel::<()>();
     /// drop(keeps);

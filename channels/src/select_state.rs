@@ -21,7 +21,7 @@
 use core::mem::replace;
 use core::ptr::NonNull;
 use core::task::Context;
-use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard, Refused};
+use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Here, PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
@@ -103,34 +103,16 @@ pub(crate) trait Owner {
     fn open(self, limit: Option<Limit>) -> SelectState;
 }
 
-/// In a plain turn, with locks of its executor's own.
-///
-/// # Invariants
-///
-/// A wait point's lock is biased to the executor of this turn.
-pub(crate) struct OwnLocks<'a>(PlainTurn<'a>);
-
-impl<'a> OwnLocks<'a> {
-    /// # Safety
-    ///
-    /// A wait point's lock is biased to the executor of this turn.
-    #[inline(always)]
-    pub(crate) unsafe fn of(turn: PlainTurn<'a>) -> Self {
-        Self(turn)
-    }
-}
-
-impl Owner for OwnLocks<'_> {
+/// In a plain turn: the commit lock is biased to its executor.
+impl Owner for PlainTurn<'_> {
     #[inline(always)]
     fn open(self, limit: Option<Limit>) -> SelectState {
-        let (turn, process) = (self.0, self.0.process());
+        let process = self.process();
         let opening = Opening {
-            wake_handle: Some(WakeHandle::of_plain_turn(turn)),
+            wake_handle: Some(WakeHandle::of_plain_turn(self)),
             limit,
         };
-        // SAFETY: a turn is that of this thread; by the invariant another lock is biased to its
-        // executor.
-        let commit_lock = unsafe { BiasedLock::biased_to(turn.executor_number(), opening) };
+        let commit_lock = BiasedLock::biased_in(self.here(), opening);
         let opened_by = (User::Process(process.id()), process.priority());
         SelectState::with(OPEN_PLAINLY, opened_by, commit_lock)
     }
@@ -194,26 +176,6 @@ impl SelectState {
     #[inline(always)]
     pub(crate) fn commit_lock_if_biased(&self, here: Here<'_>) -> Option<InsideGuard<'_, Opening>> {
         self.commit_lock.enter_in(here)
-    }
-
-    /// As [`commit_lock_if_biased`](Self::commit_lock_if_biased), with the reason of a refusal.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold the commit lock.
-    #[inline(always)]
-    pub(crate) unsafe fn enter_commit_lock(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Result<InsideGuard<'_, Opening>, Refused> {
-        // SAFETY: the calling thread does not hold the commit lock, as is demanded here: all that
-        // the lock demands.
-        unsafe { self.commit_lock.enter_trusted(turn) }
-    }
-
-    /// See [`BiasedLock::after_revocation`], of the commit lock.
-    pub(crate) fn after_revocation(&self) {
-        self.commit_lock.after_revocation();
     }
 
     /// Opens a closed one. `opening` is what its commit lock guards.

@@ -64,7 +64,7 @@ impl<T> Sender<T> {
     ///
     /// ```
     /// use luna_channels::{alt, at, channel};
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (sender, _receiver) = channel();
     /// let mut slot = Some(String::from("precious"));
     /// alt! {
@@ -91,7 +91,7 @@ impl<T> Sender<T> {
     ///
     /// ```
     /// use luna_channels::{alt, channel};
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (sender, receiver) = channel::<u64>();
     /// alt! {
     ///     sent = sender.send_with(|| panic!("nobody receives")) => sent.unwrap(),
@@ -133,7 +133,7 @@ impl<T> Sender<T> {
     /// plain `send` at your runtime's timeout instead, which withdraws the value too.
     ///
     /// ```
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (sender, _receiver) = luna_channels::channel();
     /// let late = sender.send_timeout(5, std::time::Duration::from_millis(1)).await.unwrap_err();
     /// assert!(late.is_timeout());
@@ -154,7 +154,7 @@ impl<T> Sender<T> {
     ///
     /// ```
     /// use luna_platform::clock::Instant;
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (sender, _receiver) = luna_channels::channel();
     /// assert!(sender.send_deadline(5, Instant::now()).await.unwrap_err().is_timeout());
     /// # }).unwrap();
@@ -182,7 +182,7 @@ impl<T> Sender<T> {
     /// for `send`; each with the value.
     ///
     /// ```
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (sender, _receiver) = luna_channels::channel();
     /// let (keeps, over) = luna_channels::channel::<()>();
     /// drop(keeps);

@@ -1,5 +1,28 @@
-//! The core of LUNA: the parts that channels and executors share, so that they work together
-//! without depending on each other, and low-level parts of `src`.
+//! The core of LUNA: processes, the executors that run them, and what the constructs between
+//! processes are made of.
+//!
+//! An [`Executor`] is one OS thread that runs many prioritized processes, each an async block; an
+//! [`OsThread`] runs one process alone, which may make blocking calls; [`block_on`] runs one on the
+//! calling thread. A blocking call from a process of an executor goes to a buddy thread:
+//! [`blocking`]; one that waits for files and sockets awaits [`readable`] and [`writable`].
+//! Processes are seen from outside through a [`ProcessHandle`].
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use luna_core::{Executor, Exit, ProcessSpec, yield_now};
+//! use luna_platform::thread::Attributes;
+//!
+//! let executor = Executor::start(Attributes::new("control"))?;
+//! let process = executor.spawn(ProcessSpec::new("counter").level(20), || async {
+//!     for _ in 0..3 {
+//!         yield_now().await;
+//!     }
+//! });
+//! executor.release();
+//! assert_eq!(process.wait(), Exit::Completed);
+//! assert_eq!(process.polls(), 4);
+//! # Ok(()) }
+//! ```
 //!
 //! - [`current`]: the process that this thread polls, how it is woken, and its priority. Only this
 //!   module knows how a process becomes ready.
@@ -16,6 +39,7 @@
 #![cfg_attr(
     not(feature = "std"),
     no_std,
+    allow(dead_code, reason = "files and simulations use a part"),
     allow(
         rustdoc::broken_intra_doc_links,
         reason = "the pages speak of what `std` has"
@@ -52,3 +76,111 @@ pub mod replay_log;
 pub mod spin;
 pub mod timer_queue;
 pub mod wait_list;
+pub mod waiting;
+
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
+mod inbound;
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
+mod quiescence;
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
+mod remote_wakes;
+
+#[cfg(all(feature = "std", not(loom)))]
+mod blocking;
+#[cfg(not(loom))]
+mod call_count;
+#[cfg(not(loom))]
+mod deadlines;
+#[cfg(not(loom))]
+mod executor;
+#[cfg(all(feature = "std", unix, not(loom)))]
+mod file_error;
+#[cfg(all(feature = "std", unix, not(loom)))]
+mod file_waits;
+#[cfg(all(feature = "std", unix, not(loom)))]
+mod file_watch;
+#[cfg(all(feature = "std", unix, not(loom)))]
+mod files;
+#[cfg(not(loom))]
+mod interference;
+#[cfg(all(feature = "std", not(loom)))]
+mod os_thread;
+#[cfg(not(loom))]
+mod process;
+#[cfg(all(feature = "std", not(loom)))]
+mod simulation;
+#[cfg(not(loom))]
+mod task;
+#[cfg(not(loom))]
+mod yield_now;
+
+/// Where files have no descriptors nothing waits for them.
+#[cfg(all(any(not(feature = "std"), not(unix)), not(loom)))]
+mod file_watch {
+    use crate::executor::Shared;
+    use alloc::sync::Arc;
+    use luna_platform::bell::Bell;
+    use luna_platform::on_drop::OnDrop;
+
+    pub(crate) fn enter(_: &Bell, _: Option<Arc<Shared>>) -> OnDrop<fn()> {
+        OnDrop::new(|| ())
+    }
+
+    pub(crate) fn glance(_: &Bell) {}
+
+    pub(crate) fn is_waiting(_: &Bell) -> bool {
+        false
+    }
+}
+
+/// Without threads there are no simulations.
+#[cfg(all(not(feature = "std"), not(loom)))]
+mod simulation {
+    use alloc::boxed::Box;
+    use luna_platform::clock::Clock;
+
+    pub(crate) enum Stage {}
+
+    impl Stage {
+        pub(crate) fn begin_call(&self) -> u64 {
+            match *self {}
+        }
+
+        pub(crate) fn clock(&self) -> Clock {
+            match *self {}
+        }
+
+        pub(crate) fn call_done(&self, _: u64, _: Box<dyn FnOnce() + Send>) {
+            match *self {}
+        }
+    }
+}
+
+#[cfg(all(test, loom))]
+mod loom_tests;
+
+#[cfg(all(feature = "std", not(loom)))]
+pub use {
+    blocking::{Blocking, MAX_BUDDIES, NoBuddy, blocking, prepare_blocking},
+    os_thread::{Nested, OsThread, block_on, block_on_patiently},
+    simulation::{
+        ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,
+    },
+};
+#[cfg(not(loom))]
+pub use {
+    call_count::UnderWay,
+    executor::{Announced, Executor, ExecutorHandle, has_given_up},
+    interference::{Interference, Turn, interference, look_at_clock},
+    process::{
+        Exit, ExitValue, Join, Name, PollMonitor, ProcessHandle, ProcessRegistry, ProcessSpec,
+        ProcessState, Quiescent, Verdict, panic_message, poll_monitor,
+    },
+    yield_now::{YieldNow, yield_now},
+};
+#[cfg(all(feature = "std", unix, not(loom)))]
+pub use {
+    file_error::FileError,
+    file_watch::prepare_files,
+    files::{FileReady, readable, writable},
+};

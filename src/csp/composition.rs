@@ -2,8 +2,8 @@
 //! between them, as data.
 
 pub use luna_channels::inspect::WaitPointKind as ChannelKind;
+use luna_core::ProcessState;
 use luna_core::current::ProcessId;
-use luna_executors::ProcessState;
 use luna_platform::thread::{Attributes, Obtained, Policy};
 use std::fmt;
 

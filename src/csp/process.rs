@@ -4,14 +4,14 @@ use super::supervised::Supervised;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::log::Log;
-use crate::replay::ReplayLogs;
 use crate::safety::Emergency;
 use crate::time::Scope;
-use luna_executors::{Announced, ExecutorHandle, ProcessHandle, ProcessRegistry, ProcessSpec};
+use luna_core::{Announced, ExecutorHandle, ProcessHandle, ProcessRegistry, ProcessSpec};
+use luna_machine::memory::copy_words;
+use luna_machine::usage::ThreadUsage;
 use luna_platform::clock::Clock;
-use luna_platform::memory::copy_words;
 use luna_platform::panics;
-use luna_platform::usage::ThreadUsage;
+use luna_replay::session::ReplayLogs;
 use std::cell::RefCell;
 use std::future::Future;
 use std::marker::PhantomData;
@@ -201,15 +201,15 @@ luna_platform::debug_fields!(impl[B] Prepared<B>);
 pub(crate) trait Phases: Send {
     fn pre_run(&mut self) -> Result<()>;
     fn post_run(&mut self);
-    /// As [`words_of_body`](luna_executors::ProcessHandle::words_of_body), of what the body
-    /// borrows.
+    /// The machine words of what the body
+    /// borrows, some of which are addresses.
     fn words(&self) -> Vec<usize>;
 }
 
 /// Runs `pre_run`. Its panic is an error as any other.
 pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
     panics::catch(|| resident.pre_run())
-        .unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))))
+        .unwrap_or_else(|payload| Err(Error::Panicked(luna_core::panic_message(&*payload))))
 }
 
 /// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic
@@ -221,7 +221,7 @@ pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
         drop(resident);
     });
     let payload = cleaned_up.err()?;
-    let message = luna_executors::panic_message(&*payload);
+    let message = luna_core::panic_message(&*payload);
     // It is the user's too.
     std::mem::forget(payload);
     Some(Error::Panicked(message))

@@ -4,8 +4,8 @@ use super::process::{Common, Frame};
 use crate::csp::alone;
 use crate::error::{Error, Result};
 use crate::time::{LoopName, Scope};
+use luna_core::ExitValue;
 use luna_core::{current, events};
-use luna_executors::ExitValue;
 use std::cell::Cell;
 use std::future::Future;
 use std::hint::cold_path;
@@ -121,7 +121,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
 
 impl<F> Drop for Supervised<F> {
     fn drop(&mut self) {
-        if luna_executors::has_given_up() {
+        if luna_core::has_given_up() {
             // The thread panicked around the body: an emergency too, and before anything of the
             // body's has its turn.
             drop(Alarm);
@@ -183,6 +183,6 @@ pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
             None => polled.map(Ok),
         }
     });
-    luna_executors::block_on_patiently(body, alone::PATIENCE, alone::report_if_stuck)?
+    luna_core::block_on_patiently(body, alone::PATIENCE, alone::report_if_stuck)?
         .map_err(Error::from)?
 }

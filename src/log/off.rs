@@ -1,5 +1,7 @@
 //! Without the logger: the same names for processes, and nothing behind them.
 
+pub use luna_error::RegisterError;
+
 use crate::error::Result;
 use crate::system::Opening;
 use std::cell::Cell;
@@ -78,20 +80,6 @@ impl<T: Sample> SignalBuilder<T> {
             Err(RegisterError::NotInPreRun { signal: self.name })
         }
     }
-}
-
-/// Why a signal cannot be registered.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum RegisterError {
-    /// It was not registered in `pre_run` of a process.
-    #[error(
-        "signal `{signal}` was registered outside of `pre_run`; declare it where its process is spawned (`process.signal({signal:?})`), or register it in `pre_run` of the process (`impl luna::Process`)"
-    )]
-    NotInPreRun {
-        /// The signal's name.
-        signal: String,
-    },
 }
 
 /// What a signal carries: a number, a boolean, or an array of them.

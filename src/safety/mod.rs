@@ -33,7 +33,7 @@ mod state;
 mod watchdog;
 
 pub use budget::{BudgetKind, BudgetOverrun, OnOverrun};
-pub(crate) use budget::{Budgets, CycleWatch, Ledger};
+pub(crate) use budget::{Budgets, CycleWatch, Ledger, ledger};
 pub use emergency::emergency;
 pub(crate) use emergency::{Emergency, EmergencyThread, LIMIT};
 pub use entered::SafeStateEntered;

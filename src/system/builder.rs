@@ -3,12 +3,12 @@
 mod process;
 
 use super::plan::{Placement, Plan};
-use crate::deployment::Deployment;
 use crate::error::{Result, SetupError};
+use luna_config::deployment::Deployment;
+use luna_core::ProcessHandle;
 use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, ProcessId};
-use luna_executors::ProcessHandle;
-use luna_platform::facts::{Source, parse::core_list};
+use luna_machine::facts::{Source, parse::core_list};
 use luna_platform::thread::{Attributes, Policy};
 use std::sync::Arc;
 use std::time::Duration;
@@ -34,7 +34,9 @@ fn check_core(
         return Ok(());
     };
     let of = attributes.name().to_owned();
-    let stated = deployment.and_then(|deployment| deployment.lacks_core(&of, &available));
+    let stated = deployment
+        .and_then(|deployment| deployment.lacks_core(&of, &available))
+        .map(SetupError::from);
     Err(stated.unwrap_or(SetupError::NoSuchCore {
         of,
         core,

@@ -3,7 +3,7 @@
 use super::System;
 use crate::error::{Error, Result};
 use crate::time::{StampClock, StampError, StampSource};
-use luna_executors::{ClockDriver, DrivenClock, Pace, ProcessRegistry, Simulation};
+use luna_core::{ClockDriver, DrivenClock, Pace, ProcessRegistry, Simulation};
 use std::fmt;
 use std::sync::Arc;
 

@@ -7,8 +7,8 @@ use crate::csp::composition::{
 };
 use crate::csp::tree::SubProcess;
 use luna_channels::inspect::{Role, WaitPointView, wait_points};
+use luna_core::ProcessState;
 use luna_core::current::{ProcessId, User};
-use luna_executors::ProcessState;
 use std::collections::HashMap;
 use std::sync::Arc;
 

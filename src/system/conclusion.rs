@@ -11,7 +11,7 @@ use crate::report::{End, Report};
 use crate::safety::{Cause, Emergency};
 use crate::time::Witness;
 use luna_core::current::ProcessId;
-use luna_executors::{ProcessState, Standstill};
+use luna_core::{ProcessState, Standstill};
 use luna_platform::clock::Instant;
 use std::sync::Arc;
 

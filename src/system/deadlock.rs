@@ -7,127 +7,12 @@
 // whether a thread or device outside could still wake one, and finds the cycle in the wait-for
 // graph.
 
-mod text;
-
+use crate::csp::composition::kind_name;
 use luna_channels::inspect::{Role, WaitPointView};
 use luna_core::current::{ProcessId, User};
+use luna_error::{Deadlock, Operation, Partner, Wait};
 use std::collections::HashMap;
 use std::sync::Arc;
-
-/// A deadlock: every process of a system waits, and nothing known to the system can wake one of
-/// them.
-///
-/// The system knows of deadlines, files, calls of [`blocking`](crate::blocking), of processes that
-/// compute or block, and of channels that are marked [`external`](crate::Sender::external) or were
-/// last used at their other end by a thread outside of the system, before the start too. A process
-/// that waits for anything else (another runtime's channel, say) may be woken by it, so no deadlock
-/// is reported then.
-///
-/// Two things cannot be seen, and must be marked `external()`: an end (or a party of a barrier)
-/// that a thread outside of the system holds and has not used yet; and a channel that a process
-/// waits for together with something outside of LUNA, as in a race of both. A
-/// [barrier](crate::Barrier) that a thread of its own ([`luna::run`](crate::run)) has come to is
-/// known to have such a party; one with parties in two systems must be marked.
-///
-/// The process that an end belongs to is known once it has used the end. For an unused end the
-/// report names the processes that contain the channel's address in their bodies
-/// ([`Partner::Holders`]): they appear to hold it. An end that lies in a `Vec` or a `Box` is not
-/// found so.
-///
-/// Its `Display` is a line for each wait, and the circle.
-///
-/// ```
-/// use luna::prelude::*;
-/// use luna::Error;
-///
-/// let (a, from_a) = luna::channel::<u32>();
-/// let (b, from_b) = luna::channel::<u32>();
-/// let mut system = System::new("stuck");
-/// system.strict();
-/// let main = system.executor("main").build()?;
-/// main.process("left").spawn(async move {
-///     let n = from_b.recv().await?; // each waits for the other first
-///     a.send(n).await?;
-///     Ok(())
-/// })?;
-/// main.process("right").spawn(async move {
-///     let n = from_a.recv().await?;
-///     b.send(n).await?;
-///     Ok(())
-/// })?;
-/// let Err(Error::Deadlock(deadlock)) = system.run() else { panic!("it ends") };
-/// assert_eq!(deadlock.waits.len(), 2);
-/// assert_eq!(deadlock.waits[0].process, "left");
-/// println!("{deadlock}");
-/// # Ok::<(), luna::Error>(())
-/// ```
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct Deadlock {
-    /// The system's name.
-    pub system: String,
-    /// What the processes wait for: in the order of their spawning, and all that one waits for, if
-    /// it is an alternative or a parallel construct, one after the other.
-    pub waits: Vec<Wait>,
-    /// Processes of which each waits for the next, and the last for the first. Empty where no such
-    /// circle is known.
-    pub cycle: Vec<String>,
-}
-
-/// One of the things that a process waits for.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct Wait {
-    /// The name of the process that waits.
-    pub process: String,
-    /// To do what.
-    pub operation: Operation,
-    /// Where: the name of the channel, barrier or lock, or where it was made; or the name of the
-    /// process that is awaited at its end.
-    pub at: String,
-    /// The awaited partner, as far as it is known.
-    pub partner: Partner,
-}
-
-/// What a process waits to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Operation {
-    /// To send.
-    Send,
-    /// To receive.
-    Receive,
-    /// To meet others at a barrier.
-    Sync,
-    /// To lock a mutex.
-    Lock,
-    /// To be notified at a condition.
-    Notified,
-    /// To acquire permits of a semaphore.
-    Acquire,
-    /// Waits for the end of another process.
-    Join,
-    /// Nothing: it is in an alternative without an open guard, which is STOP.
-    Stop,
-}
-
-/// The partner that a process waits for: the last user of the other end; the holder of the mutex;
-/// the last process that notified at the condition, or took permits of the semaphore.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Partner {
-    /// For the process of this name, which waits too.
-    Process(String),
-    /// For the process of this name, which has ended.
-    Ended(String),
-    /// The other end is unused so far, and it is not known which process holds it.
-    Nobody,
-    /// The other end is unused so far, but the processes of these names appear to hold it, or one
-    /// of them: the channel's address lies in their bodies. They wait too.
-    Holders(Vec<String>),
-    /// All parties of the barrier that have not arrived.
-    Others,
-}
 
 /// A process of the system, as the supervisor sees it while all sleep.
 #[derive(Debug, Clone)]
@@ -191,23 +76,19 @@ pub(crate) fn find(
         for &(wait_point, role) in &waiting[from] {
             let (operation, partner, to) = wait_of(&known, wait_point, role)?;
             edges[from].extend(to);
-            waits.push(Wait {
-                process: process.name.to_string(),
+            waits.push(Wait::new(
+                &process.name,
                 operation,
-                at: text::place(wait_point),
+                place(wait_point),
                 partner,
-            });
+            ));
         }
         awaited_by[from].dedup();
         for &to in &awaited_by[from] {
             let awaited = processes[to].name.to_string();
             edges[from].push(to);
-            waits.push(Wait {
-                process: process.name.to_string(),
-                operation: Operation::Join,
-                at: awaited.clone(),
-                partner: Partner::Process(awaited),
-            });
+            let partner = Partner::Process(awaited.clone());
+            waits.push(Wait::new(&process.name, Operation::Join, awaited, partner));
         }
         if waits.len() == before {
             // It waits for something that is none of LUNA's, which may wake it.
@@ -218,14 +99,9 @@ pub(crate) fn find(
         // All have ended just now: the system is about to.
         return None;
     }
-    Some(Deadlock {
-        system: system.to_owned(),
-        waits,
-        cycle: cycle(&edges)
-            .into_iter()
-            .map(|place| processes[place].name.to_string())
-            .collect(),
-    })
+    let cycle = cycle(&edges).into_iter();
+    let cycle = cycle.map(|place| processes[place].name.to_string());
+    Some(Deadlock::new(system, waits, cycle.collect()))
 }
 
 /// The processes of a system, and how they are found.
@@ -338,6 +214,15 @@ fn cycle(edges: &[Vec<usize>]) -> Vec<usize> {
         }
     }
     Vec::new()
+}
+
+/// A wait point, as an operation of a report names it.
+fn place(wait_point: &WaitPointView) -> String {
+    let kind = kind_name(wait_point.kind);
+    match &wait_point.name {
+        Some(name) => format!("{kind} `{name}`"),
+        None => format!("the {kind} made at {}", wait_point.made_at),
+    }
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Where a system's deployment comes from, if it is not the program alone.
 
 use super::System;
-use super::arguments::take_options;
 use crate::error::{Result, SetupError};
+use luna_config::arguments::take_options;
 use std::path::Path;
 
 impl System {

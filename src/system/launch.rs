@@ -14,14 +14,16 @@ use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::log::Session;
+use crate::log::{Level, Log, message};
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MAX_CALLBACKS, Manager, ManagerThread, Scope, StampState};
-use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
+use luna_config::parameters;
+use luna_core::{Executor, ProcessRegistry, Simulation, SimulationHandle};
+use luna_machine::latency::DmaLatency;
+use luna_machine::memory::MemoryLock;
+use luna_machine::signals::HeldBack;
 use luna_platform::clock::Clock;
-use luna_platform::latency::DmaLatency;
-use luna_platform::memory::MemoryLock;
 use luna_platform::shortfall::Shortfall;
-use luna_platform::signals::HeldBack;
 use luna_platform::thread::{Attributes, Mode, TIMER_PRIORITY};
 use machine::{Needs, lock_memory};
 use processes::start_processes;
@@ -99,7 +101,15 @@ fn launch_described(
     registry: &Arc<ProcessRegistry>,
 ) -> Result<Launched> {
     if let Some(deployment) = plan.deployment() {
-        deployment.settle(&mut settings, &mut waiting)?;
+        let Settings {
+            strict,
+            lock_memory,
+            ..
+        } = &mut settings;
+        let waiting = waiting
+            .iter_mut()
+            .map(|process| (&**process.spec.name(), process.place.executor()));
+        deployment.settle(strict, lock_memory, waiting)?;
     }
     let clock_kind = settings.clock.kind();
     let is_virtual = clock_kind.is_virtual();
@@ -132,15 +142,26 @@ fn launch_described(
     let asked = std::mem::take(&mut settings.logging);
     let recording = log.start(is_virtual, asked, settings.replaces, &opening)?;
     let recorded = settings.replay_logs.recorded_parameters();
+    let file = match plan.parameters.file() {
+        Some(file) if recorded.is_none() => {
+            let what = format!("read the parameters `{}`", file.display());
+            Some(opening.wait_for(what, move || parameters::read(&file))??)
+        }
+        _ => None,
+    };
     settings.replay_logs.parameters =
         plan.parameters
-            .begin(&log, &clock, recorded.as_deref(), &opening)?;
+            .begin(recorded.as_deref(), file, notify(&log, &clock))?;
     let replay_logs = std::mem::take(&mut settings.replay_logs).start(
         plan.name(),
         settings.replaces,
-        &opening,
+        |path, make| {
+            opening
+                .wait_for(format!("make the replay log `{}`", path.display()), make)?
+                .map_err(Error::from)
+        },
     )?;
-    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
+    luna_core::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;
 
@@ -210,6 +231,17 @@ fn launch_described(
         held_back: Some(held_back),
         _memory: memory,
         _latency: latency,
+    })
+}
+
+/// What writes messages about sets of parameters.
+fn notify(log: &Log, clock: &Clock) -> parameters::Notify {
+    let (log, clock) = (log.clone(), clock.clone());
+    Box::new(move |text| {
+        if log.is_recording() {
+            let (_log, _clock) = (log.enter(), clock.enter());
+            message(Level::Info, "parameters", text);
+        }
     })
 }
 

@@ -18,8 +18,7 @@
 //! ```
 
 pub(crate) mod announcement;
-pub(crate) mod arguments;
-mod builder;
+pub(crate) mod builder;
 mod clock;
 mod compose;
 mod conclusion;
@@ -27,13 +26,11 @@ pub(crate) mod deadlock;
 mod deployment;
 mod launch;
 mod neighbours;
-mod parameters;
 mod pending_errors;
 pub(crate) mod plan;
 mod quiescence;
 mod reaper;
 mod register;
-mod replay;
 mod safety;
 mod stand_in;
 mod stolen;
@@ -44,7 +41,7 @@ mod warnings;
 pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};
 pub use clock::ClockKind;
 pub use compose::Observer;
-pub use luna_executors::{ClockDriver, DriveError};
+pub use luna_core::{ClockDriver, DriveError};
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 
 use crate::csp::composition::Composition;
@@ -53,9 +50,9 @@ use crate::error::{Result, SetupError};
 use crate::report::Report;
 use crate::time::{TimerManager, Timers};
 pub(crate) use launch::Opening;
+use luna_core::ProcessHandle;
 use luna_core::current::ProcessId;
-use luna_executors::ProcessHandle;
-pub(crate) use plan::{Member, Phase, Plan};
+pub(crate) use plan::{Member, Plan};
 use std::sync::Arc;
 
 /// A machine's software: executors and OS threads, the processes on them, and what to do in an
@@ -83,7 +80,7 @@ use std::sync::Arc;
 /// # Ok::<(), luna::Error>(())
 /// ```
 pub struct System {
-    plan: Arc<Plan>,
+    pub(crate) plan: Arc<Plan>,
 }
 
 impl System {
@@ -420,7 +417,7 @@ impl System {
     /// ```
     #[cfg(unix)]
     pub fn devices(&self) -> crate::devices::DeviceManager {
-        crate::devices::DeviceManager::new(self.plan.clone())
+        crate::devices::DeviceManager::new(self.plan.devices.clone())
     }
 
     /// The report of the run that has ended, also when it ended in an error.

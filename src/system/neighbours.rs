@@ -7,7 +7,7 @@
 use super::plan::{NamedThread, Placement, ProcessPlan};
 use crate::csp::composition::ThreadPart;
 use crate::notice::notice;
-use luna_executors::ExecutorHandle;
+use luna_core::ExecutorHandle;
 use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::Attributes;
 
@@ -91,7 +91,7 @@ pub(super) fn join(
 mod tests {
     use super::*;
     use crate::csp::composition::ThreadKind;
-    use luna_executors::{Executor, OsThread, ProcessSpec};
+    use luna_core::{Executor, OsThread, ProcessSpec};
     use luna_platform::shortfall::Shortfall;
     use luna_platform::thread::available_cores;
     use std::time::Duration;

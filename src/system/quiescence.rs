@@ -5,11 +5,12 @@
 //! and only then it looks, at most so often. In a system with a periodic loop no thread stays still
 //! for good; there it looks a few times after the start and no more.
 
-use super::deadlock::{Deadlock, Sleeping, find};
+use super::deadlock::{Sleeping, find};
 use super::plan::{Plan, Running};
 use luna_channels::inspect::wait_points;
 use luna_core::current::ProcessId;
-use luna_executors::{ProcessHandle, ProcessState, Quiescent};
+use luna_core::{ProcessHandle, ProcessState, Quiescent};
+use luna_error::Deadlock;
 use luna_platform::clock::Instant;
 use std::collections::{HashMap, HashSet};
 use std::time::Duration;

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
 use luna_core::current::ProcessId;
-use luna_executors::{Exit, Name, ProcessHandle};
+use luna_core::{Exit, Name, ProcessHandle};
 use rustc_hash::FxHashSet;
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 

@@ -2,7 +2,6 @@
 
 use super::announcement::Announcement;
 use super::conclusion::{Ended, conclude};
-use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
 use super::plan::{Members, Phase, Plan, Running};
@@ -13,14 +12,15 @@ use super::system_threads::{SystemThreads, note_limits};
 use super::warnings::{Warnings, announce_shortfalls};
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
-use crate::parameters::FileWatch;
 use crate::report::{Report, StampReport};
 use crate::safety::{Cause, EmergencyThread};
 use crate::time::ManagerThread;
+use luna_config::parameters::FileWatch;
 use luna_core::current;
 use luna_core::events::code;
+use luna_error::Deadlock;
+use luna_machine::facts::Source;
 use luna_platform::clock::{Clock, Instant, nanos};
-use luna_platform::facts::Source;
 use luna_platform::thread::{HandlerStack, Obtained, above_users};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -274,7 +274,8 @@ fn watch(
     let every = launched
         .look_at_parameters
         .filter(|_| !launched.clock.is_virtual());
-    let _file = every.and_then(|every| FileWatch::start(&plan.parameters, every));
+    let _file =
+        every.and_then(|every| FileWatch::start(&plan.parameters, every, crate::notice::line));
     loop {
         let seen = registry.changes();
         if emergency.has_begun() && !emergency.is_safe() {

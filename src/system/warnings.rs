@@ -3,8 +3,8 @@
 
 use super::plan::{Members, Plan};
 use crate::notice::notice;
+use luna_core::Executor;
 use luna_core::current::ProcessId;
-use luna_executors::Executor;
 use luna_platform::clock::Instant;
 use luna_platform::shortfall::{LatencyRefusal, Means, MemoryRefusal, PolicyRefusal, Shortfall};
 use std::collections::{HashMap, VecDeque};

@@ -7,7 +7,7 @@ use luna_core::events::{
     self,
     code::{self, late},
 };
-use luna_executors::{Interference, Turn};
+use luna_core::{Interference, Turn};
 use luna_platform::clock::{Clock, Instant, nanos};
 use std::time::Duration;
 
@@ -133,7 +133,7 @@ impl LateCycles {
     /// accounted for.
     #[inline]
     pub(crate) fn cycle_begins(&mut self, number: u64, slot: Instant, now: Instant) -> bool {
-        luna_executors::look_at_clock(now);
+        luna_core::look_at_clock(now);
         let is_late = now.nanos_since(slot) > self.threshold;
         if is_late {
             self.note(number, slot, now);
@@ -160,7 +160,7 @@ impl LateCycles {
             self.asked > slot && turn.began < self.asked && own == User::Process(turn.process)
         };
         let waited_from = slot.max(self.asked);
-        let interference = luna_executors::interference(waited_from, began, |turn| !is_rest(turn));
+        let interference = luna_core::interference(waited_from, began, |turn| !is_rest(turn));
         // Also of a cycle that is not kept: the next reading counts from here.
         let usage = self.accounting.turn(began);
         // The kernel's counts have no meaning on virtual time, and differ between runs.

@@ -42,16 +42,15 @@ pub(crate) mod statistics;
 mod ticks;
 mod timer;
 
-use luna_core::current;
-
 pub(crate) use accounting::{Accounting, UsageSince, short};
 pub use conversion::Conversion;
 pub use follower::{FollowState, Followed, Follower, LeaderTick};
 pub(crate) use late::Witness;
 pub(crate) use late_cycle::StolenTime;
 pub use luna_channels::{After, after, at};
+pub use luna_machine::tai::Synchronization;
 pub use luna_platform::clock::Instant;
-pub use luna_platform::clock::Synchronization;
+pub use luna_replay::now;
 pub use manager::{Firing, TimerCallback, TimerManager, Timers};
 pub(crate) use manager::{MAX_CALLBACKS, Manager, ManagerThread};
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
@@ -59,18 +58,3 @@ pub(crate) use registry::{LoopName, Scope};
 pub use stamp::{Stamp, StampClock, StampError, StampSource, StampState};
 pub use ticks::{NextTick, Tick, Ticks, ticks};
 pub use timer::{Expiry, Timer};
-
-/// The time on the clock of the system. Real-time path: yes; O(1), no system call (24 ns on the
-/// reference machine).
-///
-/// ```
-/// let start = luna::now();
-/// assert!(luna::now() >= start);
-/// ```
-#[inline]
-pub fn now() -> Instant {
-    if current::has_replay_log() {
-        return luna_core::replay_log::now();
-    }
-    Instant::now()
-}

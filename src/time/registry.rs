@@ -3,13 +3,13 @@
 use super::late::Witness;
 use super::manager::Manager;
 use super::statistics::{LoopReport, Statistics};
-use crate::deployment::Deployment;
 use crate::error::SetupError;
-use crate::parameters::{Reader, Store};
 use arrayvec::ArrayString;
+use luna_config::deployment::Deployment;
+use luna_config::parameters::{Reader, Store};
+use luna_core::ProcessRegistry;
 use luna_core::current;
 use luna_core::events::{self, Kind};
-use luna_executors::ProcessRegistry;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};

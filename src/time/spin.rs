@@ -18,7 +18,7 @@ pub(super) async fn until(slot: Instant) -> Instant {
         if now >= slot {
             return now;
         }
-        luna_executors::yield_now().await;
+        luna_core::yield_now().await;
     }
 }
 

@@ -5,7 +5,7 @@
 //!     [-- [--quick] [--only ring,switch] [--docs FOLDER] [--page]]
 //! ```
 //!
-//! The page is `docs/benchmarks.md`, with its plots in `docs/benchmarks`; a short run's (`--quick`)
+//! The page is `docs/internals/benchmarks.md`, with its plots in `docs/internals/benchmarks`; a short run's (`--quick`)
 //! goes to `bench/docs` in the target folder, so that it does not replace a full one. `--only` runs
 //! some benches, and uses the others' last figures; `--page` runs none.
 
@@ -145,7 +145,7 @@ fn all() -> Result<PathBuf, String> {
         if origin.quick {
             folder.join("docs")
         } else {
-            machine::workspace().join("docs")
+            machine::workspace().join("docs/internals")
         }
     });
     fs::create_dir_all(&docs)

@@ -195,7 +195,11 @@ mod tests {
                 "[x](../examples/jiwy)",
                 "examples/jiwy",
             ),
-            ("reference/time.md", "[x](decisions)", "docs/decisions"),
+            (
+                "reference/time.md",
+                "[x](internals/decisions)",
+                "docs/internals/decisions",
+            ),
         ] {
             assert_eq!(
                 rewritten(chapter, text),

@@ -18,7 +18,7 @@ use pin_project_lite::pin_project;
 /// ```
 /// use luna_channels::{after, alt, channel};
 /// use std::time::Duration;
-/// # luna_executors::block_on(async {
+/// # luna_core::block_on(async {
 /// let (_sender, receiver) = channel::<u32>();
 /// let late = alt! {
 ///     value = receiver.recv() => value.is_err(),
@@ -46,7 +46,7 @@ pub fn after(delay: Duration) -> After {
 /// ```
 /// use luna_channels::at;
 /// use luna_platform::clock::Instant;
-/// # luna_executors::block_on(async {
+/// # luna_core::block_on(async {
 /// let deadline = Instant::now() + std::time::Duration::from_millis(1);
 /// at(deadline).await;
 /// assert!(Instant::now() >= deadline);

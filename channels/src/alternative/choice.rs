@@ -27,7 +27,7 @@ use super::stop::Stop;
 use crate::core::{FastPath, part_alone};
 use crate::finally::Finally;
 use crate::in_place::InPlace;
-use crate::select_state::{Limit, OwnLocks, Owner, SelectState};
+use crate::select_state::{Limit, Owner, SelectState};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::{Outcome, Waiter};
 use core::future::Future;
@@ -184,10 +184,8 @@ impl<'a> Choice<'_, 'a> {
     /// Polls a new one in a plain turn.
     #[inline(never)]
     fn begin_plain(&mut self, plain: PlainTurn<'_>, turn: Turn<'_>) -> Poll<u32> {
-        // SAFETY: a select state is opened after a lock was taken: by its bias.
-        let owner = unsafe { OwnLocks::of(plain) };
         // The locks are left before anything else is tried.
-        let decided = self.decide(&mut Own::of(plain), owner, turn);
+        let decided = self.decide(&mut Own::of(plain), plain, turn);
         match decided {
             Some(polled) => polled,
             None => self.poll_otherwise(turn),
@@ -271,10 +269,6 @@ impl<'a> Choice<'_, 'a> {
         }
         if self.has_skip {
             return Some(self.made(self.offers.len(), PendingWake::NONE, locks, turn));
-        }
-        if L::OWN && self.offers.iter().all(|offer| offer.wait_point().is_none()) {
-            // Nothing shows that a lock may be biased to this executor.
-            return None;
         }
         let limit = if times != 0 { self.limit() } else { None };
         self.select_state.write(owner.open(limit));

@@ -39,7 +39,7 @@
 ///
 /// ```
 /// use luna_channels::{alt, channel};
-/// # luna_executors::block_on(async {
+/// # luna_core::block_on(async {
 /// let (numbers, from_numbers) = channel();
 /// let (_words, from_words) = channel::<&str>();
 /// let thread = std::thread::spawn(move || numbers.blocking_send(7));
@@ -64,7 +64,7 @@ macro_rules! alt {
 ///
 /// ```
 /// use luna_channels::{Buffer, buffered, pri_alt};
-/// # luna_executors::block_on(async {
+/// # luna_core::block_on(async {
 /// let (stop, stopped) = buffered(Buffer::fifo(1));
 /// let (work, worker) = buffered(Buffer::fifo(1));
 /// work.try_send(1).unwrap();

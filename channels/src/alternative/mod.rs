@@ -17,7 +17,7 @@ pub use choice::{Choice, choose};
 pub use guard::Guard;
 pub(crate) use guard::{Attempt, RawGuard, Terms, own_seed};
 pub use offer::{Either, Never, Offer, Place, Seed, guard, no_guard};
-pub(crate) use partner::{Commit, commit, take_first};
+pub(crate) use partner::{Commit, commit};
 pub(crate) use registered::Entry;
 pub use registered::{Alternative, AlternativeRecv};
 #[cfg(not(loom))]

@@ -1,10 +1,8 @@
 //! What the partner of an alternative does, in a plain turn.
 
 use crate::select_state::SelectState;
-use crate::waiter::Waiter;
 use core::ptr::NonNull;
 use luna_core::current::{PlainPendingWake, PlainTurn};
-use luna_core::wait_list::{WaitList, WaitNode};
 
 /// Result of a partner's attempt to commit the alternative of a guard.
 pub(crate) enum Commit {
@@ -43,44 +41,4 @@ pub(crate) unsafe fn commit(
             None => Commit::No,
         }
     }
-}
-
-/// Takes the first operation off a queue, and guards of alternatives that have chosen before it.
-/// `None`: the first operation needs the slow path; `Some(None)`: the queue is empty. The caller
-/// settles the operation.
-///
-/// # Safety
-///
-/// The queue is that of one side of a plain channel without a buffer, in whose lock this thread is.
-#[inline(never)]
-pub(crate) unsafe fn take_first(
-    queue: &mut WaitList,
-    turn: PlainTurn<'_>,
-) -> Option<Option<(NonNull<WaitNode>, PlainPendingWake)>> {
-    while let Some(first) = queue.first() {
-        // SAFETY: the node is listed, and this thread holds the lock that guards it by its bias: so
-        // it is live, and no other thread withdraws it. A stale one is settled after it was taken
-        // off.
-        unsafe {
-            let found = match Waiter::<()>::take_plain_wake_handle(first.cast()) {
-                Some(ready) => Commit::Chosen(ready),
-                None => match Waiter::<()>::select_state(first.cast()) {
-                    Some(select_state) => commit(select_state, turn),
-                    None => Commit::No,
-                },
-            };
-            match found {
-                Commit::Chosen(ready) => {
-                    queue.remove_first(first);
-                    return Some(Some((first, ready)));
-                }
-                Commit::Stale => {
-                    queue.remove_first(first);
-                    Waiter::<()>::settle_stale(first.cast());
-                }
-                Commit::No => return None,
-            }
-        }
-    }
-    Some(None)
 }

@@ -55,7 +55,7 @@ use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 ///
 /// ```
 /// use luna_channels::{Alternative, channel};
-/// # luna_executors::block_on(async {
+/// # luna_core::block_on(async {
 /// let (senders, receivers): (Vec<_>, Vec<_>) = (0..100).map(|_| channel::<u32>()).unzip();
 /// let thread = std::thread::spawn(move || senders[42].blocking_send(7));
 /// let mut inputs = Alternative::fair(&receivers);
@@ -141,7 +141,7 @@ impl<'a, T> Alternative<'a, T> {
     ///
     /// ```
     /// use luna_channels::{Alternative, Buffer, buffered};
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (sender, receiver) = buffered(Buffer::fifo(1));
     /// let mut inputs = Alternative::fair(&[]);
     /// let index = inputs.add(&receiver);
@@ -244,7 +244,7 @@ impl<'a, T> Alternative<'a, T> {
     ///
     /// ```
     /// use luna_channels::{Alternative, Buffer, buffered};
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let (left, from_left) = buffered(Buffer::fifo(2));
     /// let (right, from_right) = buffered(Buffer::fifo(2));
     /// left.send(1).await.unwrap();

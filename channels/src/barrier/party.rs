@@ -9,7 +9,7 @@ use super::{Barrier, SyncOp};
 ///
 /// ```
 /// use luna_channels::Barrier;
-/// # luna_executors::block_on(async {
+/// # luna_core::block_on(async {
 /// let barrier = Barrier::new(0);
 /// let party = barrier.enroll();
 /// party.sync().await; // alone

@@ -8,7 +8,7 @@
 //!
 //! ```
 //! use luna_channels::lock_sync::Mutex;
-//! # luna_executors::block_on(async {
+//! # luna_core::block_on(async {
 //! let position = Mutex::new(0.0);
 //! {
 //!     let mut position = position.lock().await.expect("nobody has died with it");

@@ -47,7 +47,7 @@ use luna_platform::sync::plain::AtomicBool;
 /// let total = Mutex::new(0);
 /// let of_thread = total.clone();
 /// let thread = std::thread::spawn(move || *of_thread.blocking_lock().unwrap() += 1);
-/// luna_executors::block_on(async { *total.lock().await.unwrap() += 1 }).unwrap();
+/// luna_core::block_on(async { *total.lock().await.unwrap() += 1 }).unwrap();
 /// thread.join().unwrap();
 /// assert_eq!(*total.try_lock().unwrap(), 2);
 /// ```
@@ -162,7 +162,7 @@ impl<T> Mutex<T> {
     ///
     /// ```
     /// # use luna_channels::lock_sync::Mutex;
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let mutex = Mutex::new(());
     /// let guard = mutex.lock().await.unwrap();
     /// let late = mutex.lock_timeout(std::time::Duration::from_millis(1)).await;

@@ -26,7 +26,7 @@ use luna_platform::clock::Instant;
 ///
 /// ```
 /// use luna_channels::lock_sync::Semaphore;
-/// # luna_executors::block_on(async {
+/// # luna_core::block_on(async {
 /// let motors = Semaphore::new(2); // the supply stands two that start at a time
 /// let first = motors.acquire().await?;
 /// let _second = motors.acquire().await?;
@@ -82,7 +82,7 @@ impl Semaphore {
     ///
     /// ```
     /// # use luna_channels::lock_sync::Semaphore;
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let semaphore = Semaphore::new(3);
     /// let permits = semaphore.acquire_many(3).await.unwrap();
     /// assert_eq!((permits.num_permits(), semaphore.available_permits()), (3, 0));
@@ -115,7 +115,7 @@ impl Semaphore {
     ///
     /// ```
     /// # use luna_channels::lock_sync::Semaphore;
-    /// # luna_executors::block_on(async {
+    /// # luna_core::block_on(async {
     /// let short = std::time::Duration::from_millis(1);
     /// let late = Semaphore::new(0).acquire_timeout(short).await.is_err();
     /// assert!(late);

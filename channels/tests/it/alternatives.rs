@@ -10,7 +10,7 @@ use luna_channels::{
     Buffer, RecvError, TryRecvError, after, alt, at, buffered, channel, inspect, pri_alt,
 };
 use luna_core::current;
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use std::cell::Cell;
@@ -79,7 +79,7 @@ fn skip_leaves_no_trace() {
 #[test]
 fn delays_and_deadlines() {
     let _watchdog = Watchdog::new();
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let (sender, receiver) = channel::<u8>();
         // The earliest comes first, whatever the order; none comes early.
         let start = Instant::now();
@@ -125,7 +125,7 @@ fn a_delay_against_a_partner_on_another_thread_loses_nothing() {
         }
         sent
     });
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let mut received = 0;
         for _ in 0..500 {
             pri_alt! {
@@ -307,7 +307,7 @@ fn a_failed_branch_fails_its_alternative_unless_that_has_communicated() {
     one.try_send(6).unwrap();
     assert_eq!(failed(waits), (1, Ok(6)));
     // One of delays alone cannot fail; it ends by itself.
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let mut delay = Box::pin(async {
             alt! { _ = after(Duration::from_millis(1)) => 1 }
         });

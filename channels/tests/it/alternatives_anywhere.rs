@@ -6,7 +6,7 @@ use crate::common;
 use common::{Random, Wakes, Watchdog, poll_with};
 use futures_lite::future::{block_on, or, yield_now, zip};
 use luna_channels::{Receiver, Sender, alt, channel, pri_alt};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::future::poll_fn;
 use std::pin::{Pin, pin};
@@ -54,7 +54,7 @@ async fn network() -> u64 {
 fn under_every_executor() {
     let _watchdog = Watchdog::new();
     assert_eq!(block_on(network()), SUM);
-    assert_eq!(luna_executors::block_on(network()).unwrap(), SUM);
+    assert_eq!(luna_core::block_on(network()).unwrap(), SUM);
     for mut builder in [
         tokio::runtime::Builder::new_current_thread(),
         tokio::runtime::Builder::new_multi_thread(),
@@ -177,7 +177,7 @@ fn a_loser_of_a_race_is_withdrawn_within_processes_and_without() {
         }
     };
     block_on(body());
-    luna_executors::block_on(body()).unwrap();
+    luna_core::block_on(body()).unwrap();
     let executor = Executor::start(Attributes::new("race")).unwrap();
     executor.release();
     let process = executor.spawn(ProcessSpec::new("race"), body);
@@ -241,7 +241,7 @@ fn alternatives_with_wakers_of_their_own_within_one_process() {
         assert_eq!(outputs.iter().sum::<u64>(), 55);
     };
     block_on(body());
-    luna_executors::block_on(body()).unwrap();
+    luna_core::block_on(body()).unwrap();
     let executor = Executor::start(Attributes::new("wakers")).unwrap();
     executor.release();
     let process = executor.spawn(ProcessSpec::new("wakers"), body);

@@ -4,7 +4,7 @@
 #![cfg(not(loom))]
 
 use luna_channels::{Receiver, Sender, alt, channel, pri_alt};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

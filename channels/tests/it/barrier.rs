@@ -5,7 +5,7 @@
 
 use futures_lite::future::{block_on, poll_once, zip};
 use luna_channels::{Barrier, alt, channel, pri_alt};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::future::Future;
 use std::pin::{Pin, pin};
@@ -152,7 +152,7 @@ fn two_barriers_in_each_of_three_alternatives() {
 
 #[test]
 fn a_timeout_beside_a_barrier() {
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let barrier = Barrier::new(2);
         let late = alt! {
             _ = barrier.sync() => false,
@@ -243,7 +243,7 @@ fn groups_on_two_executors() {
 
 #[test]
 fn members_of_a_group_may_be_dropped_at_any_point() {
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let barrier = Barrier::new(2);
         let group = barrier.local(2);
         // One that waits.

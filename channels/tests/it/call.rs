@@ -10,7 +10,7 @@ use luna_channels::{
     Call, CallError, Client, RecvError, Server, TryRecvError, alt, call_channel, channel, pri_alt,
 };
 use luna_core::current;
-use luna_executors::{Executor, Exit, OsThread, ProcessSpec};
+use luna_core::{Executor, Exit, OsThread, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::pin::Pin;
 use std::sync::Arc;

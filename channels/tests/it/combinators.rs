@@ -8,7 +8,7 @@ use crate::common;
 use common::Watchdog;
 use futures_lite::future::{or, yield_now, zip};
 use luna_channels::channel;
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -100,7 +100,7 @@ fn everywhere<F: Future<Output = ()> + 'static>(body: impl Fn() -> F + Send + Cl
     let process = executor.spawn(ProcessSpec::new("body"), body.clone());
     executor.release();
     assert_eq!(process.wait(), Exit::Completed);
-    luna_executors::block_on(body()).unwrap();
+    luna_core::block_on(body()).unwrap();
     futures_lite::future::block_on(body());
 }
 

@@ -7,7 +7,7 @@ use crate::common;
 use common::{Wakes, Watchdog, pending, poll, poll_with, ready};
 use luna_channels::lock_sync::{Condvar, LockError, Mutex};
 use luna_channels::{after, channel};
-use luna_executors::{Executor, Exit, OsThread, ProcessSpec, yield_now};
+use luna_core::{Executor, Exit, OsThread, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
 use std::time::Duration;
 
@@ -120,7 +120,7 @@ fn those_of_several_mutexes_may_wait_at_one_condition() {
 fn the_time_runs_out_and_the_mutex_is_locked_all_the_same() {
     let _watchdog = Watchdog::new();
     let (mutex, condition) = (Mutex::new(()), Condvar::new());
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let guard = mutex.lock().await.unwrap();
         let (guard, result) = condition.wait_timeout(guard, SHORT).await.unwrap();
         assert!(result.timed_out());

@@ -46,7 +46,7 @@ fn the_one_that_has_something() {
 #[test]
 fn an_end_is_ready_rather_than_skip_or_a_delay() {
     let _watchdog = Watchdog::new();
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let ((s1, r1), (_s2, r2)) = (unbounded::<u8>(), unbounded::<u8>());
         let (to_nobody, nobody) = channel::<u8>();
         let nothing = alt! {
@@ -120,7 +120,7 @@ fn what_comes_while_it_waits_wakes_it() {
 #[test]
 fn a_timeout_and_what_comes_after_it() {
     let _watchdog = Watchdog::new();
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let ((_s1, r1), (s2, r2)) = (channel::<u8>(), channel::<u8>());
         let start = Instant::now();
         let delay = Duration::from_millis(3);
@@ -300,7 +300,7 @@ fn mixed_and_with_delays_in_a_loop() {
             assert_eq!(r2.blocking_recv(), Ok(n));
         }
     });
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         for n in 0..1_000 {
             for _ in 0..2 {
                 loop {

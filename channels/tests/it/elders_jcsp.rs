@@ -7,7 +7,7 @@ use crate::common;
 use common::{Watchdog, pending, ready};
 use futures_lite::future::block_on;
 use luna_channels::{Buffer, Receiver, Sender, after, alt, at, buffered, channel, pri_alt};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use std::thread;
@@ -212,7 +212,7 @@ fn many_writers_of_many_channels() {
 #[test]
 fn fair_plexing_until_a_timeout() {
     let _watchdog = Watchdog::new();
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let (a, b) = (
             buffered(Buffer::allocating_unbounded()),
             buffered(Buffer::allocating_unbounded()),
@@ -240,7 +240,7 @@ fn fair_plexing_until_a_timeout() {
 #[test]
 fn prioritized_plexing_until_a_timeout() {
     let _watchdog = Watchdog::new();
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let (sender, receiver) = buffered(Buffer::allocating_unbounded());
         let deadline = Instant::now() + Duration::from_millis(5);
         loop {
@@ -380,7 +380,7 @@ fn both_ends_of_each_channel_in_alternatives() {
         futures_lite::future::zip(pass, drive).await;
     };
     block_on(body());
-    luna_executors::block_on(body()).unwrap();
+    luna_core::block_on(body()).unwrap();
 }
 
 /// JCSP: `Alternative.select(boolean[])`. Preconditions choose the guards anew at each selection,

@@ -7,7 +7,7 @@ use crate::common;
 use common::Watchdog;
 use luna_channels::{Alternative, Receiver, Sender, alt, call_channel, channel};
 use luna_core::current::{self, OPERATIONS_PER_POLL};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
@@ -156,7 +156,7 @@ fn an_end_comes_beside_a_branch_that_spends_all_operations() {
             if found.await {
                 return;
             }
-            luna_executors::yield_now().await;
+            luna_core::yield_now().await;
         }
         panic!("it never ends");
     });
@@ -181,7 +181,7 @@ fn that_a_branch_had_failed_is_nothing_to_the_one_that_selects_later() {
             Poll::Ready(())
         })
         .await;
-        luna_executors::yield_now().await;
+        luna_core::yield_now().await;
         poll_fn(|cx| {
             let polled = pin!(alternative.recv()).poll(cx);
             assert_eq!(polled, Poll::Pending, "its channel is open");

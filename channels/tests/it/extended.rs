@@ -9,7 +9,7 @@ use futures_lite::future::block_on;
 use luna_channels::inspect::{self, Role};
 use luna_channels::{Buffer, ChannelEnd, RecvError, TryRecvError, alt, buffered, channel, pri_alt};
 use luna_core::current;
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::thread;
 

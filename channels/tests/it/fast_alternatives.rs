@@ -7,7 +7,7 @@ use futures_lite::future::poll_once;
 use luna_channels::{
     Alternative, Buffer, Receiver, RecvError, Sender, alt, buffered, channel, pri_alt,
 };
-use luna_executors::{Executor, Exit, ProcessSpec, yield_now};
+use luna_core::{Executor, Exit, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
 use std::pin::Pin;
 use std::sync::Arc;

@@ -7,7 +7,7 @@ use common::Watchdog;
 use futures_lite::StreamExt;
 use futures_lite::future::zip;
 use luna_channels::{Buffer, Receiver, RecvError, Sender, buffered, channel};
-use luna_executors::{Executor, Exit, OsThread, ProcessSpec};
+use luna_core::{Executor, Exit, OsThread, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::thread;
 
@@ -154,7 +154,7 @@ fn under_smols_local_executor() {
 #[test]
 fn under_lunas_executors() {
     let _watchdog = Watchdog::new();
-    luna_executors::block_on(network()).unwrap();
+    luna_core::block_on(network()).unwrap();
     let executors = ["one", "two"].map(|name| Executor::start(Attributes::new(name)).unwrap());
     executors.iter().for_each(Executor::release);
     assert_eq!(
@@ -204,7 +204,7 @@ fn a_blocking_form_in_a_process_of_an_executor_is_refused_with_a_reason() {
     let executor = Executor::start(Attributes::new("blocked")).unwrap();
     executor.release();
     let (sender, receiver) = channel::<u8>();
-    let refused = |process: luna_executors::ProcessHandle| match process.wait() {
+    let refused = |process: luna_core::ProcessHandle| match process.wait() {
         Exit::Panicked(message) => {
             assert!(message.contains("await the operation instead"), "{message}")
         }
@@ -259,7 +259,7 @@ fn one_network_across_all_of_them() {
         futures_lite::future::block_on(executor.run(stage(input, output)));
     });
     let (input, output) = next();
-    let luna = thread::spawn(|| luna_executors::block_on(stage(input, output)).unwrap());
+    let luna = thread::spawn(|| luna_core::block_on(stage(input, output)).unwrap());
     let (input, output) = next();
     let plain = thread::spawn(move || {
         while let Ok(n) = input.blocking_recv() {

@@ -8,7 +8,7 @@ use luna_channels::{
     Alternative, Barrier, Buffer, CallError, RecvError, Server, SyncOp, buffered, call_channel,
     channel,
 };
-use luna_executors::block_on;
+use luna_core::block_on;
 use std::cell::RefCell;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};

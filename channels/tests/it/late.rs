@@ -32,7 +32,7 @@ async fn partner_comes_late(
 
 /// Repeats what a slow machine may spoil.
 fn until_some<T>(mut attempt: impl AsyncFnMut(&Sender<u32>, &Receiver<u32>) -> Option<T>) -> T {
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         loop {
             let (sender, receiver) = channel();
             if let Some(seen) = attempt(&sender, &receiver).await {

@@ -6,7 +6,7 @@ use crate::common;
 use common::{Wakes, Watchdog, pending, poll_with, ready, until_waiting};
 use luna_channels::channel;
 use luna_channels::lock_sync::{LockError, Mutex, MutexGuard, TryLockError};
-use luna_executors::{Executor, Exit, OsThread, ProcessSpec, yield_now};
+use luna_core::{Executor, Exit, OsThread, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
 use std::future::Future;
 use std::sync::{Arc, mpsc};
@@ -207,7 +207,7 @@ fn a_wait_is_woken_by_the_one_that_polled_last() {
 fn the_time_runs_out_or_it_is_locked() {
     let _watchdog = Watchdog::new();
     let mutex = Mutex::new(());
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let guard = mutex.lock_timeout(SHORT).await.unwrap();
         assert!(mutex.lock_timeout(SHORT).await.unwrap_err().is_timeout());
         drop(guard);
@@ -224,7 +224,7 @@ fn the_time_runs_out_or_it_is_locked() {
 #[test]
 fn what_was_handed_over_at_the_deadline_is_locked() {
     let mutex = Mutex::new(());
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let guard = mutex.lock().await.unwrap();
         // Time enough for two steps on a busy machine.
         let time = Duration::from_millis(100);

@@ -3,7 +3,7 @@
 #![cfg(not(loom))]
 
 use luna_channels::{Alternative, alt, channel, pri_alt};
-use luna_executors::{Executor, Exit, ProcessSpec, yield_now};
+use luna_core::{Executor, Exit, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
 
 /// So many that all locks are biased to the executor.

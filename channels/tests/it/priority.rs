@@ -8,7 +8,7 @@ use crate::common;
 use common::Watchdog;
 use luna_channels::{Barrier, Buffer, Receiver, Sender, buffered, channel, lock_sync};
 use luna_core::current::OPERATIONS_PER_POLL;
-use luna_executors::{Executor, Exit, ProcessHandle, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessHandle, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::{Arc, Mutex};
 

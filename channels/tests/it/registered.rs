@@ -5,7 +5,7 @@
 
 use futures_lite::future::{block_on, poll_once};
 use luna_channels::{Alternative, Buffer, Receiver, RecvError, Sender, alt, buffered, channel};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::pin::pin;
 use std::sync::Arc;

@@ -6,7 +6,7 @@ use crate::common;
 use common::{Watchdog, pending, ready, until_waiting};
 use luna_channels::channel;
 use luna_channels::lock_sync::{Mutex, Semaphore};
-use luna_executors::{Executor, Exit, OsThread, ProcessSpec, yield_now};
+use luna_core::{Executor, Exit, OsThread, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -75,7 +75,7 @@ fn what_was_given_to_one_that_goes_is_there_again() {
 fn the_time_runs_out_or_it_is_acquired() {
     let _watchdog = Watchdog::new();
     let semaphore = Semaphore::new(1);
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let permit = semaphore.acquire_timeout(SHORT).await.unwrap();
         let late = semaphore.acquire_timeout(SHORT).await;
         assert!(late.unwrap_err().is_timeout());

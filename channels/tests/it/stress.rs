@@ -6,7 +6,7 @@
 use crate::common;
 use common::{Ledger, Random, Token, Watchdog, poll};
 use luna_channels::{Buffer, Receiver, Sender, buffered, channel};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -112,7 +112,7 @@ fn a_send_is_given_up_for_something_else_and_was_taken_or_withdrawn() {
 fn async_forms_give_up_at_their_time_and_not_before() {
     let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let start = Instant::now();
         assert_eq!(
             sender.send_timeout(1, SHORT).await,
@@ -143,7 +143,7 @@ fn async_forms_give_up_at_their_time_and_not_before() {
 fn what_can_be_done_at_once_is_done_though_the_time_is_over() {
     let _watchdog = Watchdog::new();
     let (sender, receiver) = buffered(Buffer::fifo(1));
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         assert_eq!(sender.send_timeout(1, Duration::ZERO).await, Ok(()));
         assert_eq!(receiver.recv_timeout(Duration::ZERO).await, Ok(1));
         assert_eq!(
@@ -172,12 +172,12 @@ fn a_time_that_never_comes_and_a_partner_that_does() {
         scope.spawn(|| assert_eq!(sender.blocking_send_timeout(1, Duration::MAX), Ok(())));
         assert_eq!(receiver.blocking_recv_timeout(Duration::MAX), Ok(1));
         scope.spawn(|| {
-            luna_executors::block_on(sender.send_timeout(2, Duration::MAX))
+            luna_core::block_on(sender.send_timeout(2, Duration::MAX))
                 .unwrap()
                 .unwrap()
         });
         assert_eq!(
-            luna_executors::block_on(receiver.recv_timeout(HOUR)).unwrap(),
+            luna_core::block_on(receiver.recv_timeout(HOUR)).unwrap(),
             Ok(2)
         );
     });
@@ -196,7 +196,7 @@ fn the_end_of_a_channel_comes_before_the_timeout() {
             )
         });
         scope.spawn(|| {
-            let received = luna_executors::block_on(clone.recv_timeout(HOUR)).unwrap();
+            let received = luna_core::block_on(clone.recv_timeout(HOUR)).unwrap();
             assert_eq!(received, Err(RecvTimeoutError::Closed));
         });
         drop(sender);
@@ -217,7 +217,7 @@ fn the_outcome_is_looked_at_before_the_clock() {
     let (sender, receiver) = channel();
     // Time enough for a few steps on a busy machine.
     let time = Duration::from_millis(100);
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let deadline = Instant::now() + time;
         let mut recv = Box::pin(receiver.recv_deadline(deadline));
         pending(&mut recv);
@@ -246,7 +246,7 @@ fn one_that_timed_out_is_withdrawn() {
             .is_timeout()
     );
     assert!(receiver.try_recv().unwrap_err().is_empty());
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         assert!(receiver.recv_timeout(SHORT).await.unwrap_err().is_timeout());
     })
     .unwrap();
@@ -257,7 +257,7 @@ fn one_that_timed_out_is_withdrawn() {
 fn a_timed_operation_that_is_dropped_takes_its_offer_and_its_deadline_with_it() {
     let ledger = Ledger::new(1);
     let (sender, receiver) = channel();
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let mut send = Box::pin(sender.send_timeout(ledger.token(0), HOUR));
         pending(&mut send);
         let timers = luna_core::current::timers().unwrap();

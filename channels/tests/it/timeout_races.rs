@@ -5,7 +5,7 @@
 use crate::common;
 use common::{Ledger, Random, Watchdog, poll_with, ready};
 use luna_channels::{Buffer, RecvTimeoutError, SendTimeoutError, buffered, channel};
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use std::pin::Pin;
@@ -36,7 +36,7 @@ fn time_out_as_the_partner_comes<F: Future>(
     mut timed: Pin<Box<F>>,
     partner: impl Fn() + Send + Sync + 'static,
 ) -> F::Output {
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let waker = Waker::from(Arc::new(PartnerInBetween(partner)));
         assert!(poll_with(&mut timed, &waker).is_pending());
         drop(waker);

@@ -7,7 +7,7 @@ use crate::common;
 use common::{Ledger, Watchdog, pending, poll, poll_with, ready};
 use luna_channels::{Sender, TryRecvError, channel};
 use luna_core::current;
-use luna_executors::{Executor, ProcessSpec};
+use luna_core::{Executor, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -39,7 +39,7 @@ fn polled_by_a_process_that_has_ended<F: Future + Send + 'static>(
         executor.stop();
         operation
     } else {
-        thread::spawn(|| luna_executors::block_on(body()).unwrap())
+        thread::spawn(|| luna_core::block_on(body()).unwrap())
             .join()
             .unwrap();
         handed_out.recv().unwrap()

@@ -4,7 +4,7 @@
 //! [`network::build`] adds the processes to a system. [`vision`] finds the target, [`motion`] and
 //! [`kinematics`] make set-points of it, [`pid`] brings the joints there, [`safety`] is the layer
 //! before the hardware. [`mechanics`] is the simulated machine, [`outcome`] judges a run, and
-//! [`parameters`] has all figures. `docs/head.md` is the page about it.
+//! [`parameters`] has all figures. `examples/head/README.md` is the page about it.
 
 pub mod kinematics;
 pub mod mechanics;

@@ -10,7 +10,7 @@
 //! the deployments: on one executor, on six threads, in six programs. They differ in where a unit's
 //! processes run, and in its [`links`]. [`command`] has the state machines, [`laws`] the control
 //! laws, [`safety`] the rules of the safety blocks, [`mechanics`] the simulated machine,
-//! [`parameters`] all figures. `docs/production-cell.md` is the page about it.
+//! [`parameters`] all figures. `examples/production-cell/README.md` is the page about it.
 
 #![cfg(target_os = "linux")]
 

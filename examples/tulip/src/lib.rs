@@ -5,7 +5,7 @@
 //! on steps, [`balance`] keeps the robot up by set-points of the joints, with [`legs`] as the
 //! kinematics. [`controllers`] are exchanged while it walks, and [`safety`] is the module before the
 //! actuators. [`mechanics`] is the simulated robot and says what is modelled, [`outcome`] judges a
-//! run, and [`parameters`] has all figures. `docs/tulip.md` is the page about it.
+//! run, and [`parameters`] has all figures. `examples/tulip/README.md` is the page about it.
 
 pub mod balance;
 pub mod controllers;

@@ -6,7 +6,7 @@ use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, OnOverrun};
 use crate::error::Error;
 use crate::safety::{Cause, Emergency};
 use crate::time::{Accounting, LoopName};
-use luna_executors::{PollMonitor, ProcessRegistry, Verdict};
+use luna_core::{PollMonitor, ProcessRegistry, Verdict};
 use luna_platform::clock::{Instant, nanos};
 use luna_platform::lock::PiLock;
 use std::any::Any;
@@ -72,7 +72,7 @@ impl Ledger {
 
     /// The ledger of the process that is being polled, if it has budgets.
     pub(crate) fn current() -> Option<Arc<Ledger>> {
-        let poll_monitor: Arc<dyn Any + Send + Sync> = luna_executors::poll_monitor()?;
+        let poll_monitor: Arc<dyn Any + Send + Sync> = luna_core::poll_monitor()?;
         poll_monitor.downcast().ok()
     }
 
@@ -266,7 +266,7 @@ impl Books {
     fn overruns(&mut self, kind: BudgetKind) -> &mut Overruns {
         match kind {
             BudgetKind::Poll => &mut self.poll,
-            BudgetKind::Cycle => &mut self.cycle,
+            _ => &mut self.cycle,
         }
     }
 }

@@ -5,78 +5,15 @@ mod ledger;
 mod under_way;
 
 pub(crate) use ledger::{CycleWatch, Ledger};
+pub(crate) use luna_config::deployment::Budgets;
+pub use luna_config::deployment::OnOverrun;
+pub use luna_error::BudgetKind;
 
 use crate::error::SetupError;
 use crate::time::{UsageSince, short};
 use luna_platform::clock::Instant;
 use std::fmt;
 use std::time::Duration;
-
-/// What happens when a process overruns a budget. In any case it is counted, and the worst one
-/// kept, in [`ProcessReport::budgets`](crate::report::ProcessReport::budgets).
-///
-/// ```
-/// use luna::prelude::*;
-/// use luna::safety::OnOverrun;
-/// use luna::Error;
-/// use std::time::Duration;
-///
-/// let mut system = System::new("machine");
-/// let main = system.executor("main").build()?;
-/// main.process("hog")
-///     .poll_budget(Duration::from_millis(1))
-///     .on_overrun(OnOverrun::Poison)
-///     .spawn(async {
-///         let end = luna::now() + Duration::from_millis(2);
-///         while luna::now() < end {}
-///         luna::yield_now().await;
-///         unreachable!("it is ended here");
-///     })?;
-/// let Err(Error::Process { name, source }) = system.run() else { panic!("it was ended for cause") };
-/// assert_eq!(name, "hog");
-/// assert!(matches!(*source, Error::BudgetOverrun { taken, .. } if taken >= Duration::from_millis(2)));
-/// # Ok::<(), luna::Error>(())
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-#[non_exhaustive]
-pub enum OnOverrun {
-    /// Nothing more.
-    #[default]
-    Count,
-    /// The thread that runs the system prints it on standard error, at most once a second for each
-    /// process.
-    Warn,
-    /// The process is ended where it waits next, all its channel ends poison their channels, and
-    /// its error is [`Error::BudgetOverrun`](crate::Error::BudgetOverrun). A process that ends by
-    /// itself in that poll has ended.
-    Poison,
-    /// The emergency functions run, then the system ends: [`End::Overrun`](crate::End::Overrun).
-    ///
-    /// Also if the poll or the cycle never ends: the thread that runs the system looks at the
-    /// process after its budget, at most 10 ms later if it gets a core (not on a virtual clock). So
-    /// for up to eight loops of a process at a time.
-    Emergency,
-}
-
-/// What a budget is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum BudgetKind {
-    /// The time from when the process gets the processor until it awaits something that is not
-    /// ready yet.
-    Poll,
-    /// The time from when a cycle of one of its loops begins until the loop asks for the next.
-    Cycle,
-}
-
-impl fmt::Display for BudgetKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            BudgetKind::Poll => "poll",
-            BudgetKind::Cycle => "cycle",
-        })
-    }
-}
 
 /// How a process kept a budget.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -133,35 +70,24 @@ impl fmt::Display for BudgetReport {
     }
 }
 
-/// The budgets of a process to be.
-#[derive(Debug, Default)]
-pub(crate) struct Budgets {
-    pub(crate) poll: Option<Duration>,
-    pub(crate) cycle: Option<Duration>,
-    pub(crate) on_overrun: Option<OnOverrun>,
-    pub(crate) accounted: bool,
-}
-
-impl Budgets {
-    /// The ledger that keeps them.
-    pub(crate) fn ledger(self, process: &str) -> Result<Ledger, SetupError> {
-        let kinds = [
-            (BudgetKind::Poll, self.poll),
-            (BudgetKind::Cycle, self.cycle),
-        ];
-        for (kind, budget) in kinds {
-            if budget == Some(Duration::ZERO) {
-                return Err(SetupError::ZeroBudget {
-                    process: process.to_owned(),
-                    kind,
-                });
-            }
-        }
-        if self.poll.is_none() && self.cycle.is_none() {
-            return Err(SetupError::NoBudget {
+/// The ledger that keeps the budgets of a process.
+pub(crate) fn ledger(budgets: Budgets, process: &str) -> Result<Ledger, SetupError> {
+    let kinds = [
+        (BudgetKind::Poll, budgets.poll),
+        (BudgetKind::Cycle, budgets.cycle),
+    ];
+    for (kind, budget) in kinds {
+        if budget == Some(Duration::ZERO) {
+            return Err(SetupError::ZeroBudget {
                 process: process.to_owned(),
+                kind,
             });
         }
-        Ok(Ledger::new(self))
     }
+    if budgets.poll.is_none() && budgets.cycle.is_none() {
+        return Err(SetupError::NoBudget {
+            process: process.to_owned(),
+        });
+    }
+    Ok(Ledger::new(budgets))
 }

@@ -15,11 +15,11 @@ use super::state::{Cause, Degree, Journal};
 use crate::error::{Error, Result};
 use crate::system::Plan;
 use functions::{Functions, Run};
+use luna_core::SimulationHandle;
 use luna_core::current::ProcessId;
 use luna_core::path;
-use luna_executors::SimulationHandle;
+use luna_machine::{forked, signals};
 use luna_platform::clock::{Clock, Instant};
-use luna_platform::{forked, signals};
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -48,7 +48,7 @@ pub(crate) struct Emergency {
     is_to_end: AtomicBool,
     /// The simulation that the processes run on, if time is virtual.
     simulation: OnceLock<SimulationHandle>,
-    plan: Weak<Plan>,
+    pub(crate) plan: Weak<Plan>,
 }
 
 thread_local! {

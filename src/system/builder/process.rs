@@ -8,7 +8,7 @@ use crate::parameters::{ParameterBuilder, Tunable};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use crate::system::plan::{Placement, Plan, ProcessPlan};
 use luna_core::current::{LEVELS, ProcessId};
-use luna_executors::{Name, ProcessHandle, ProcessSpec};
+use luna_core::{Name, ProcessHandle, ProcessSpec};
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
 use std::time::Duration;
@@ -97,7 +97,13 @@ impl ProcessBuilder {
     /// ```
     pub fn parameter<T: Tunable>(&self, name: &str, default: T) -> ParameterBuilder<'_, T> {
         let process = (self.spec.id(), &**self.spec.name());
-        ParameterBuilder::new(&self.plan, process, name, default)
+        ParameterBuilder::new(
+            &self.plan.parameters,
+            &self.plan.was_refused,
+            process,
+            name,
+            default,
+        )
     }
 
     /// A [signal](crate::log) that the process records. Declared with
@@ -326,8 +332,8 @@ impl ProcessBuilder {
             **attributes = settled(&self.plan, (**attributes).clone(), false)?;
         }
         if let Some(deployment) = self.plan.deployment() {
-            let Self { spec, place, .. } = self;
-            deployment.process(spec, &mut self.level, place, &mut self.budgets)?;
+            let (name, executor) = (self.spec.name(), self.place.executor());
+            deployment.process(name, &mut self.level, executor, &mut self.budgets)?;
         }
         if self.level >= LEVELS {
             return Err(SetupError::Level {
@@ -337,7 +343,7 @@ impl ProcessBuilder {
             .into());
         }
         let budgets = self.budgets.take();
-        let ledger = budgets.map(|budgets| budgets.ledger(self.spec.name()));
+        let ledger = budgets.map(|budgets| crate::safety::ledger(*budgets, self.spec.name()));
         Ok(ledger.transpose()?.map(Arc::new))
     }
 

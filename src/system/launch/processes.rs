@@ -7,8 +7,8 @@ use super::super::plan::{
 use crate::csp::composition::ThreadPart;
 use crate::csp::process::{clean_up, prepare};
 use crate::error::{Error, Result};
+use luna_core::Executor;
 use luna_core::current::ProcessId;
-use luna_executors::Executor;
 use std::sync::Arc;
 
 /// Starts all processes, and those that they spawn meanwhile; none is released. Gives the executors

@@ -6,8 +6,8 @@ use super::{Members, Phase, Plan, duplicate};
 use crate::csp::process::{Build, Room, announce, clean_up, prepare};
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
+use luna_core::ProcessHandle;
 use luna_core::current::ProcessId;
-use luna_executors::ProcessHandle;
 use std::sync::MutexGuard;
 
 /// The names of a process that is about to be added. Dropping it gives them back.

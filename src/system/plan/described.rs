@@ -3,7 +3,7 @@
 use crate::csp::process::{Build, Prepared, Start};
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
-use luna_executors::{Name, ProcessSpec};
+use luna_core::{Name, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
@@ -13,6 +13,16 @@ pub(crate) enum Placement {
     Executor(usize),
     /// A thread of its own.
     Thread(Box<Attributes>),
+}
+
+impl Placement {
+    /// The number of its executor, if it has no thread of its own.
+    pub(crate) fn executor(&mut self) -> Option<&mut usize> {
+        match self {
+            Placement::Executor(number) => Some(number),
+            Placement::Thread(_) => None,
+        }
+    }
 }
 
 /// A described process; `B` makes its body.

@@ -13,17 +13,17 @@ use super::register::Register;
 use super::stand_in::StandIns;
 use crate::csp::composition::ThreadPart;
 use crate::csp::tree::Tree;
-use crate::deployment::{self, Deployment};
 use crate::error::{Error, Result, SetupError};
-use crate::file;
 use crate::log::{Asked, Log};
 use crate::notice::notice;
-use crate::parameters::Store;
-use crate::replay::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
 use crate::time::{Manager, StampState};
+use luna_config::deployment::{self, Deployment};
+use luna_config::file;
+use luna_config::parameters::Store;
 use luna_platform::thread::Attributes;
+use luna_replay::session::SessionPlan;
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
 use std::path::Path;
@@ -40,7 +40,7 @@ pub(crate) struct Plan {
     /// No process can be replaced any more.
     stand_ins_closed: AtomicBool,
     #[cfg(unix)]
-    pub(crate) devices: Arc<crate::devices::Devices>,
+    pub(crate) devices: Arc<luna_devices::Devices>,
     pub(crate) tree: Arc<Tree>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) parameters: Arc<Store>,
@@ -48,7 +48,7 @@ pub(crate) struct Plan {
     deployment: OnceLock<Option<Arc<Deployment>>>,
     pub(crate) log: Log,
     /// A call of the set-up, or of `run`, has returned an error.
-    was_refused: AtomicBool,
+    pub(crate) was_refused: AtomicBool,
 }
 
 // No user code runs under its locks, and what they guard is whole between two statements. So code
@@ -79,7 +79,7 @@ pub(crate) struct Settings {
     pub(crate) logging: Asked,
     /// The addresses of a system that is to be found by other programs.
     pub(crate) announced: Option<Vec<(String, String)>>,
-    pub(crate) replay_logs: TapePlan,
+    pub(crate) replay_logs: SessionPlan,
     /// Recordings may replace files.
     pub(crate) replaces: bool,
     /// How often to look whether the file of parameters has changed.
@@ -143,20 +143,23 @@ fn duplicate(kind: &'static str, name: &str) -> Error {
 
 impl Plan {
     pub(crate) fn new(name: &str) -> Arc<Self> {
-        Arc::new_cyclic(|plan| Self {
-            name: name.to_owned(),
-            settings: Mutex::default(),
-            members: Mutex::default(),
-            stand_ins: Mutex::default(),
-            stand_ins_closed: AtomicBool::new(false),
-            #[cfg(unix)]
-            devices: Default::default(),
-            tree: Tree::new(),
-            emergency: Emergency::new(plan.clone()),
-            parameters: Store::new(name),
-            deployment: OnceLock::new(),
-            log: Log::new(name),
-            was_refused: AtomicBool::new(false),
+        Arc::new_cyclic(|plan| {
+            let emergency = Emergency::new(plan.clone());
+            Self {
+                name: name.to_owned(),
+                settings: Mutex::default(),
+                members: Mutex::default(),
+                stand_ins: Mutex::default(),
+                stand_ins_closed: AtomicBool::new(false),
+                #[cfg(unix)]
+                devices: luna_devices::Devices::new(emergency.clone()),
+                tree: Tree::new(),
+                emergency,
+                parameters: Store::new(name),
+                deployment: OnceLock::new(),
+                log: Log::new(name),
+                was_refused: AtomicBool::new(false),
+            }
         })
     }
 

@@ -6,10 +6,11 @@ use crate::csp::process::{Common, Frame, Phases};
 use crate::error::Error;
 use crate::safety::Ledger;
 use luna_core::current::ProcessId;
-use luna_executors::{
+use luna_core::{
     Announced, ExecutorHandle, Exit, Name, OsThread, ProcessHandle, ProcessSpec, ProcessState,
     SimulationHandle, Standstill,
 };
+use luna_machine::memory::copy_words;
 use luna_platform::thread::Mode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -354,10 +355,11 @@ impl Member {
         }
     }
 
-    /// The machine words of the process' own memory, some of which are addresses.
+    /// The machine words of the process' own memory, some of which are addresses: a hint for reports.
+    /// What it holds behind a box is not among them, and what it has given away may still be.
     pub(crate) fn words(&self) -> Vec<usize> {
-        let words = self.kept().map(ProcessHandle::words_of_body);
-        let mut words = words.unwrap_or_default();
+        let body = self.kept().and_then(ProcessHandle::addresses_of_body);
+        let mut words = body.map(copy_words).unwrap_or_default();
         if let Some(resident) = self.seldom().and_then(|seldom| seldom.resident.as_ref()) {
             words.extend(resident.words());
         }

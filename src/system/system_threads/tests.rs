@@ -2,7 +2,7 @@ use super::*;
 use crate::System;
 use crate::csp::process::Phases;
 use crate::system::plan::{Member, On};
-use luna_executors::ProcessSpec;
+use luna_core::ProcessSpec;
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

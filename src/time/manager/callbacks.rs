@@ -241,7 +241,7 @@ impl Callbacks {
         if let Err(payload) = outcome {
             // It ends the system: what follows need not be in time.
             current::set_on_path(false);
-            let message = luna_executors::panic_message(&*payload);
+            let message = luna_core::panic_message(&*payload);
             // Its drop is the user's code too.
             std::mem::forget(payload);
             table = self.table.lock();

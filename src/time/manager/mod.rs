@@ -28,8 +28,8 @@ pub(crate) use thread::ManagerThread;
 
 use crate::error::SetupError;
 use callbacks::Callbacks;
+use luna_core::UnderWay;
 use luna_core::timer_queue::{DeadlineListener, Sleep, TimerQueue};
-use luna_executors::UnderWay;
 use luna_platform::clock::Instant;
 use luna_platform::deadline_sleep::DeadlineSleep;
 use luna_platform::sync::Arc as QueueArc;

@@ -2,7 +2,6 @@
 
 use super::{Cycle, Overrun, Periodic, Prepared};
 use crate::csp::supervised::{Failure, fail_current};
-use crate::replay;
 use crate::safety::Ledger;
 use crate::time::grid::{Grid, Trim};
 use crate::time::spin;
@@ -10,6 +9,7 @@ use luna_core::current;
 use luna_core::events::{self, Kind};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::{Clock, Instant, nanos};
+use luna_replay::log as replay;
 use std::pin::pin;
 use std::time::Duration;
 
@@ -120,7 +120,7 @@ impl Periodic {
         if target <= asked {
             // Behind time: still a scheduling point, else it would keep the executor from timers,
             // wakes and its own cancellation.
-            luna_executors::yield_now().await;
+            luna_core::yield_now().await;
             return Instant::now();
         }
         // Virtual time stands while a process spins.

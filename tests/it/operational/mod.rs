@@ -1,6 +1,6 @@
 //! Random networks of processes, run by the real runtime and checked against an operational model.
 //! Each trace must be one that the model allows. A network that must deadlock is found stuck, and
-//! one that cannot deadlock ends. See `docs/proof.md`.
+//! one that cannot deadlock ends. See `docs/internals/proof.md`.
 //!
 //! `LUNA_SEED` sets the seed, `LUNA_NETWORKS` how many networks; network `i` of seed `s` is network
 //! 0 of seed `s + i`.

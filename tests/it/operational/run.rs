@@ -5,7 +5,7 @@ use crate::operational::job::Job;
 use crate::operational::network::{Entry, Network};
 use crate::operational::play::{Player, players};
 use luna::process::ProcessState;
-use luna_executors::{Executor, Exit, OsThread, ProcessHandle, ProcessSpec};
+use luna_core::{Executor, Exit, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::fmt;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Two threads of different priority on one core. The higher one wakes at random instants, wherever
 //! the lower one is in its operation, and operates on the same channel, barrier, waker or lock. An
 //! operation that spins on the other side's progress hangs here. One that threads in between can
-//! delay takes as long as they do. See `docs/proof-tools.md`.
+//! delay takes as long as they do. See `docs/internals/proof-tools.md`.
 //!
 //! `LUNA_LONG=1`: millions of operations. `LUNA_SEED` sets the seed.
 

@@ -27,7 +27,7 @@ pub(crate) struct Recorded {
 
 const HEAD: &str = "\
 # What LUNA's hot operations execute. Written by `cargo run -p luna-instructions -- record`;
-# docs/instruction-counts.md says what is counted, and when these figures may change.
+# docs/internals/instruction-counts.md says what is counted, and when these figures may change.
 ";
 
 /// Where it is, in the sources that this program was built from.

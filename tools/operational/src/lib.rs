@@ -1,5 +1,5 @@
 //! The operational model of LUNA's channels and processes, random networks, and the check of traces
-//! against the model. See `docs/proof.md`.
+//! against the model. See `docs/internals/proof.md`.
 //!
 //! A crate of its own, so that tests build it with optimization: following states is most of their
 //! work. `tests/it/operational/` of `luna-rt` runs the networks.

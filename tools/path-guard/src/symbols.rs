@@ -36,7 +36,7 @@ fn is_way_to_guard(name: &str) -> bool {
 
 /// Below these there is only how the thread came to run processes.
 fn is_end(name: &str) -> bool {
-    name.contains("luna_executors::executor::turns") || name.contains("os_thread::run")
+    name.contains("luna_core::executor::turns") || name.contains("os_thread::run")
 }
 
 struct Function {

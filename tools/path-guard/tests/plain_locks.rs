@@ -5,14 +5,23 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The libraries' sources. The modelled and the portable platform make no real-time claim.
-const SOURCES: [&str; 5] = [
+const SOURCES: [&str; 10] = [
     "platform/src",
     "core/src",
     "channels/src",
-    "executors/src",
+    "machine/src",
+    "runtime/replay/src",
+    "runtime/config/src",
+    "runtime/error/src",
+    "devices/external/src",
+    "devices/manager/src",
     "src",
 ];
-const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
+const WITHOUT_CLAIM: [&str; 3] = [
+    "platform/src/model",
+    "platform/src/portable",
+    "machine/src/portable",
+];
 
 /// Files in which these words mean the framework's own locks.
 const OWN: [&str; 4] = [
@@ -36,23 +45,23 @@ const KNOWN: [(&str, &str); 16] = [
         "places enlist when they are made and freed, and reports look",
     ),
     (
-        "executors/src/simulation/calls.rs",
+        "core/src/simulation/calls.rs",
         "on a virtual clock nothing is real time",
     ),
     (
-        "executors/src/simulation/drive.rs",
+        "core/src/simulation/drive.rs",
         "on a virtual clock nothing is real time",
     ),
     (
-        "platform/src/crash.rs",
+        "machine/src/crash.rs",
         "watches are installed before the start and removed after the end; the handler takes no lock",
     ),
     (
-        "platform/src/memory.rs",
+        "machine/src/memory.rs",
         "memory is locked before the start and unlocked after the end",
     ),
     (
-        "platform/src/signals.rs",
+        "machine/src/signals.rs",
         "watches are installed before the start and removed after the end",
     ),
     (
@@ -60,27 +69,27 @@ const KNOWN: [(&str, &str); 16] = [
         "a thread reports its start, once",
     ),
     (
-        "src/deployment/mod.rs",
+        "runtime/config/src/deployment/mod.rs",
         "the file is matched while the system is set up; a loop's period has no lock",
     ),
     (
-        "src/devices/manager.rs",
+        "devices/manager/src/manager.rs",
         "devices are opened at set-up, and closed where the path is left",
     ),
     (
-        "src/parameters/store/mod.rs",
+        "runtime/config/src/parameters/store/mod.rs",
         "parameters are declared before the body, and set and listed off the path; a loop uses another lock",
     ),
     (
-        "src/parameters/watch.rs",
+        "runtime/config/src/parameters/watch.rs",
         "the end of the thread that looks at the parameters' file",
     ),
     (
-        "src/replay/recorder.rs",
+        "runtime/replay/src/recorder.rs",
         "a process is entered when it is spawned, and the writer takes over what is new",
     ),
     (
-        "src/replay/replayer/mod.rs",
+        "runtime/replay/src/replayer/mod.rs",
         "a replay is on a virtual clock, where nothing is real time",
     ),
     (

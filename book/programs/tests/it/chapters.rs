@@ -13,17 +13,33 @@ fn chapters() -> Vec<PathBuf> {
     chapters
 }
 
-/// The blocks of a page: language and lines.
-fn blocks(text: &str) -> Vec<(String, Vec<&str>)> {
-    let mut blocks = Vec::new();
-    let mut lines = text.lines();
-    while let Some(line) = lines.next() {
-        if let Some(language) = line.trim_start().strip_prefix("```") {
-            let block = lines.by_ref().take_while(|line| line.trim() != "```");
-            blocks.push((language.to_owned(), block.collect()));
-        }
+/// What stands in the line before a program that a page shows: `<!-- shown: FILE:PART -->`.
+fn source_of(line: &str) -> Option<&str> {
+    let line = line.trim_start().strip_prefix("<!-- shown: ")?;
+    line.strip_suffix(" -->")
+}
+
+/// The lines of a program between two marks, or those of an output by their numbers.
+fn part(program: &str, name: &str) -> Result<Vec<String>, String> {
+    let mut lines: Vec<_> = program.lines().map(str::to_owned).collect();
+    if let Some((first, last)) = name.split_once(':') {
+        let range = first.parse::<usize>().ok().zip(last.parse::<usize>().ok());
+        let (first, last) = range.ok_or("no two numbers of lines")?;
+        lines.truncate(last);
+        lines.drain(..first - 1);
+    } else if !name.is_empty() {
+        let at = |mark: String| {
+            let found = lines.iter().position(|line| line.ends_with(&mark));
+            found.ok_or(format!("has no {mark}"))
+        };
+        let (start, end) = (
+            at(format!("ANCHOR: {name}"))?,
+            at(format!("ANCHOR_END: {name}"))?,
+        );
+        lines = lines[start + 1..end].to_vec();
     }
-    blocks
+    lines.retain(|line| !line.contains("ANCHOR"));
+    Ok(lines)
 }
 
 /// Where programs of other tests and of CI stand.
@@ -34,49 +50,63 @@ const TESTED: [&str; 4] = [
     "devices/ros2/examples/",
 ];
 
-#[test]
-fn programs_are_included_from_tested_ones() {
-    let mut shown = HashSet::new();
-    for chapter in chapters() {
-        let text = fs::read_to_string(&chapter).unwrap();
-        for (language, lines) in blocks(&text) {
-            let included: Vec<_> = lines
-                .iter()
-                .filter_map(|line| line.strip_prefix("{{#include "))
-                .collect();
-            for include in &included {
-                let include = include.trim_end_matches("}}");
-                let (file, anchor) = include.split_once(':').unwrap_or((include, ""));
-                // Lines by number are for what is printed, where no mark can stand.
-                let is_of_output = file.ends_with(".txt");
-                let path = chapter.parent().unwrap().join(file);
-                let path = path
-                    .canonicalize()
-                    .unwrap_or_else(|error| panic!("{}: {file}: {error}", chapter.display()));
+/// A page with its programs as they are now, and the files that they are from.
+fn with_programs(page: &Path, text: &str) -> (String, Vec<PathBuf>) {
+    let (mut written, mut shown) = (Vec::new(), Vec::new());
+    let mut lines = text.lines();
+    let mut source = None;
+    while let Some(line) = lines.next() {
+        written.push(line.to_owned());
+        let Some(language) = line.trim_start().strip_prefix("```") else {
+            source = source_of(line);
+            continue;
+        };
+        let block: Vec<_> = lines
+            .by_ref()
+            .take_while(|line| line.trim() != "```")
+            .collect();
+        match source.take() {
+            Some(source) => {
+                let (file, name) = source.split_once(':').unwrap_or((source, ""));
+                let path = page.parent().unwrap().join(file);
+                let fails = |error: &dyn std::fmt::Display| -> ! {
+                    panic!("{}: {source}: {error}", page.display())
+                };
+                let path = path.canonicalize().unwrap_or_else(|error| fails(&error));
                 let program = fs::read_to_string(&path).unwrap();
-                if !anchor.is_empty() && !is_of_output {
-                    for mark in ["ANCHOR: ", "ANCHOR_END: "] {
-                        assert!(
-                            program
-                                .lines()
-                                .any(|line| line.ends_with(&format!("{mark}{anchor}"))),
-                            "{}: {include} has no {mark}",
-                            chapter.display()
-                        );
-                    }
-                }
-                let root = repository().canonicalize().unwrap();
-                shown.insert(path.strip_prefix(root).unwrap().to_owned());
+                written.extend(part(&program, name).unwrap_or_else(|error| fails(&error)));
+                shown.push(path);
             }
-            if language == "rust" {
-                assert_eq!(
-                    included.len(),
-                    lines.len(),
-                    "{}: {lines:?}",
-                    chapter.display()
-                );
+            None => {
+                let is_rust = language == "rust";
+                assert!(!is_rust, "{}: of no program: {block:?}", page.display());
+                written.extend(block.into_iter().map(str::to_owned));
             }
         }
+        written.push("```".to_owned());
+    }
+    (written.join("\n") + "\n", shown)
+}
+
+#[test]
+fn pages_show_tested_programs_as_they_are() {
+    let root = repository().canonicalize().unwrap();
+    let mut shown = HashSet::new();
+    let readme = repository().join("README.md");
+    for chapter in chapters().into_iter().chain([readme]) {
+        let text = fs::read_to_string(&chapter).unwrap();
+        let (expected, files) = with_programs(&chapter, &text);
+        if std::env::var_os("LUNA_BOOK_WRITE").is_some() {
+            fs::write(&chapter, &expected).unwrap();
+        } else {
+            assert!(
+                text == expected,
+                "{} shows a program as it was: LUNA_BOOK_WRITE=1 cargo test -p luna-book",
+                chapter.display()
+            );
+        }
+        let inside = files.iter().map(|path| path.strip_prefix(&root).unwrap());
+        shown.extend(inside.map(Path::to_owned));
     }
     for path in &shown {
         let is_tested = TESTED.iter().any(|folder| path.starts_with(folder));
@@ -145,6 +175,7 @@ fn links_of_all_pages_lead_somewhere() {
     pages.extend(
         [
             "README.md",
+            "examples/README.md",
             "CONTRIBUTING.md",
             "SECURITY.md",
             "ARCHITECTURE.md",

@@ -15,7 +15,7 @@ struct Hostility;
 
 /// Panics, without the hook's message. Not while a panic unwinds, which would end the program. Not
 /// on an executor's thread outside of any process: a waker that panics there ends the executor, as
-/// `luna-executors` tests.
+/// `luna-core` tests.
 pub(crate) fn strike() {
     let ends_executor =
         current::timers().is_some() && current::process(|process| process.is_none());

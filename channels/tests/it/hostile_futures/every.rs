@@ -7,7 +7,7 @@ use crate::hostile_futures::actors::{
 };
 use crate::hostile_futures::one_at_a_time;
 use crate::hostile_futures::world::{KINDS, Operation, PLAIN_KINDS, World};
-use luna_executors::{Executor, ExecutorHandle, Exit, ProcessSpec};
+use luna_core::{Executor, ExecutorHandle, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll, Waker};

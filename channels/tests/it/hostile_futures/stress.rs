@@ -7,7 +7,7 @@ use crate::common::Random;
 use crate::hostile_futures::actors::{Temper, endure, silence_expected_panics, waker};
 use crate::hostile_futures::one_at_a_time;
 use crate::hostile_futures::world::{KINDS, Kept, Operation, PLAIN_KINDS, World};
-use luna_executors::{Executor, ExecutorHandle, Exit, ProcessSpec};
+use luna_core::{Executor, ExecutorHandle, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::future::poll_fn;
 use std::mem;

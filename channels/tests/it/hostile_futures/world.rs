@@ -8,7 +8,7 @@ use luna_channels::{
     Alternative, Barrier, Buffer, Client, Receiver, Sender, Server, alt, buffered, call_channel,
     channel, pri_alt,
 };
-use luna_executors::{ExecutorHandle, ProcessSpec, blocking, yield_now};
+use luna_core::{ExecutorHandle, ProcessSpec, blocking, yield_now};
 use std::future::Future;
 use std::mem;
 use std::pin::Pin;

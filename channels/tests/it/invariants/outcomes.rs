@@ -110,7 +110,7 @@ fn invariant_2_what_was_communicated_is_never_reported_as_cancelled() {
     let received = current::with_branch_below(true, 0, 0, || ready(&mut alternative));
     assert_eq!(received, (1, Ok(1)));
     // By a deadline that comes before the process runs again.
-    luna_executors::block_on(async {
+    luna_core::block_on(async {
         let (sender, receiver) = channel();
         let deadline = Instant::now() + Duration::from_millis(20);
         let alternative = async {

@@ -3,10 +3,11 @@
 use super::super::functions::{Assignment, Functions, Moment, Task};
 use super::{Emergency, EmergencyWorkers};
 use crate::safety::state::Cause;
+use luna_core::ProcessRegistry;
 use luna_core::failover::{FailoverSequence, Leg};
-use luna_executors::ProcessRegistry;
+use luna_machine::signals;
 use luna_platform::clock::Instant;
-use luna_platform::{signals, thread};
+use luna_platform::thread;
 use std::sync::atomic::Ordering;
 
 impl EmergencyWorkers {

@@ -6,7 +6,7 @@ use core::time::Duration;
 use luna_bare::cortex_m::SysTickPort;
 use luna_channels::{Buffer, Sender, alt, buffered, channel};
 use luna_core::timer_queue::Sleep;
-use luna_executors::{Executor, ProcessSpec};
+use luna_core::{Executor, ProcessSpec};
 use luna_platform::bare::interrupt;
 use luna_platform::clock::Instant;
 use luna_platform::sync::OnceLock;

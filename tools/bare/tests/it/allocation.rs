@@ -3,7 +3,7 @@
 use luna_bare::cpu;
 use luna_channels::{Buffer, buffered, channel, inspect};
 use luna_core::deferred_free;
-use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_core::{Executor, Exit, ProcessSpec};
 use luna_platform::bare;
 use luna_platform::clock::Instant;
 use std::cell::{Cell, RefCell};

@@ -3,7 +3,7 @@
 use luna_bare::cpu;
 use luna_core::deferred_free::{self, Shared};
 use luna_core::park::block_on;
-use luna_executors::{Executor, ProcessSpec};
+use luna_core::{Executor, ProcessSpec};
 use luna_platform::bare::{self, NESTED_INTERRUPTS};
 use luna_platform::clock::Instant;
 use luna_platform::futex::{Futex, Waited};

@@ -4,7 +4,7 @@ use luna_bare::cpu;
 use luna_channels::{Buffer, Receiver, Sender, alt, buffered, channel};
 use luna_core::biased_lock::bias_after;
 use luna_core::timer_queue::Sleep;
-use luna_executors::{Executor, ProcessSpec};
+use luna_core::{Executor, ProcessSpec};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use std::cell::Cell;
@@ -109,7 +109,7 @@ fn an_interrupt_asks_for_the_stop() {
     });
     let process = executor.spawn(ProcessSpec::new("process"), std::future::pending::<()>);
     executor.run();
-    assert_eq!(process.exit(), Some(luna_executors::Exit::Cancelled));
+    assert_eq!(process.exit(), Some(luna_core::Exit::Cancelled));
 }
 
 /// Two interrupts, of which one comes in the middle of the other, feed two buffers. A process takes

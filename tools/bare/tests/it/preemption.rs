@@ -2,7 +2,7 @@
 
 use luna_bare::cpu;
 use luna_channels::{Buffer, buffered, channel};
-use luna_executors::{Executor, ProcessSpec, yield_now};
+use luna_core::{Executor, ProcessSpec, yield_now};
 use luna_platform::on_drop::OnDrop;
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};

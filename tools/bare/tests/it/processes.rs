@@ -3,7 +3,7 @@
 use luna_bare::cpu;
 use luna_channels::{Buffer, RecvTimeoutError, after, alt, buffered, channel, pri_alt};
 use luna_core::timer_queue::Sleep;
-use luna_executors::{Executor, Exit, ProcessSpec, yield_now};
+use luna_core::{Executor, Exit, ProcessSpec, yield_now};
 use luna_platform::clock::Instant;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

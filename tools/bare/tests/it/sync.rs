@@ -3,7 +3,7 @@
 use luna_bare::cpu;
 use luna_channels::lock_sync::{Mutex, Semaphore};
 use luna_channels::{Alternative, Barrier, Buffer, buffered, call_channel};
-use luna_executors::{Executor, ProcessSpec, yield_now};
+use luna_core::{Executor, ProcessSpec, yield_now};
 use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -1,0 +1,268 @@
+//! Blocking calls from processes that share an executor: a buddy thread makes the call, the process
+//! awaits it.
+//!
+//! One pool for the program. A buddy that takes the last call that no other buddy is free for
+//! starts another buddy first. So calls that wait for each other do not get stuck, and no process
+//! ever starts a thread, save for the very first.
+
+use crate::call_count::UnderWay;
+use crate::current;
+use crate::current::{PendingWake, Renewal, WakeHandle};
+use luna_platform::clock::Instant;
+use luna_platform::futex::Futex;
+use luna_platform::lock::PiLock;
+use luna_platform::thread::{self, Attributes};
+use std::any::Any;
+use std::collections::LinkedList;
+use std::convert::Infallible;
+use std::future::Future;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::task::{Context, Poll};
+
+/// The most buddy threads there are. Further calls wait for one of them.
+pub const MAX_BUDDIES: usize = 64;
+
+type Job = Box<dyn FnOnce() + Send>;
+
+struct Pool {
+    state: PiLock<State>,
+    /// Counts submissions: what idle buddies wait for.
+    submitted: Futex,
+}
+
+struct State {
+    jobs: LinkedList<Job>,
+    buddies: usize,
+    idle: usize,
+}
+
+static POOL: Pool = Pool {
+    state: PiLock::new(State {
+        jobs: LinkedList::new(),
+        buddies: 0,
+        idle: 0,
+    }),
+    submitted: Futex::new(0),
+};
+
+/// The system could not start a buddy thread.
+#[derive(Debug, thiserror::Error)]
+#[error("no thread for blocking calls could be started: {0}")]
+pub struct NoBuddy(Box<dyn std::error::Error + Send + Sync>);
+
+/// Starts the first buddy thread if there is none, so that the first blocking call of a process
+/// need not.
+///
+/// # Errors
+///
+/// [`NoBuddy`] if the system refuses the thread.
+pub fn prepare_blocking() -> Result<(), NoBuddy> {
+    {
+        let mut state = POOL.state.lock();
+        if state.buddies > 0 {
+            return Ok(());
+        }
+        state.buddies += 1;
+    }
+    start_buddy()
+}
+
+/// Starts a buddy that is counted already.
+fn start_buddy() -> Result<(), NoBuddy> {
+    // Without a real-time policy and on any core: a blocking call must not disturb those that it
+    // was taken from.
+    let started = thread::spawn(
+        Attributes::new("luna-buddy"),
+        |_| Ok::<(), Infallible>(()),
+        |()| work(),
+    );
+    match started {
+        // It lives as long as the program and is never joined.
+        Ok(_) => Ok(()),
+        Err(error) => {
+            POOL.state.lock().buddies -= 1;
+            Err(NoBuddy(Box::new(error)))
+        }
+    }
+}
+
+/// The life of a buddy thread.
+fn work() {
+    loop {
+        let submitted = POOL.submitted.word().load(Ordering::Acquire);
+        let mut state = POOL.state.lock();
+        if let Some(job) = state.jobs.pop_front() {
+            let alone = state.idle == 0 && state.buddies < MAX_BUDDIES;
+            if alone {
+                state.buddies += 1;
+            }
+            drop(state);
+            if alone {
+                // If no other buddy can be had, calls wait for this one.
+                let _ = start_buddy();
+            }
+            // The call's own panic goes to the process that awaits it. A panic in the drop of a
+            // result that is not awaited any more must not end the buddy; nor must one that the
+            // panic's own value makes as it is dropped, which is then left alone.
+            if let Err(panic) = catch_unwind(AssertUnwindSafe(job))
+                && let Err(another) = catch_unwind(AssertUnwindSafe(|| drop(panic)))
+            {
+                std::mem::forget(another);
+            }
+        } else {
+            state.idle += 1;
+            drop(state);
+            POOL.submitted.wait(submitted, Instant::NEVER);
+            POOL.state.lock().idle -= 1;
+        }
+    }
+}
+
+fn submit(job: Job) {
+    if let Err(error) = prepare_blocking() {
+        panic!("{error}");
+    }
+    // The list's node is allocated before the lock is taken.
+    let mut node = LinkedList::from([job]);
+    POOL.state.lock().jobs.append(&mut node);
+    POOL.submitted.word().fetch_add(1, Ordering::Release);
+    POOL.submitted.wake_one();
+}
+
+struct Call<T> {
+    state: PiLock<CallState<T>>,
+}
+
+enum CallState<T> {
+    Running(Option<WakeHandle>),
+    Done(Result<T, Box<dyn Any + Send>>),
+    Taken,
+}
+
+/// Makes a blocking call on a buddy thread and awaits its result.
+///
+/// The call starts at the first poll. Cancel-safe in that dropping the future forgets the result; a
+/// call that has started runs to its end. The executor goes on meanwhile, and other processes run.
+/// On a virtual clock time stands until the call is done, and results come in the order in which
+/// the calls were begun. Real-time path: no, since it allocates the call; the waiting itself blocks
+/// no process. The buddy has no real-time policy.
+///
+/// # Panics
+///
+/// With the call's own panic, if it panics. If there is no buddy thread and none can be started;
+/// [`prepare_blocking`], which a system's start calls, finds that out before.
+///
+/// ```
+/// let length = luna_core::block_on(async {
+///     luna_core::blocking(|| "a slow system call".len()).await
+/// });
+/// assert_eq!(length, Ok(18));
+/// ```
+#[doc(alias = "spawn_blocking")]
+pub fn blocking<F, T>(call: F) -> Blocking<F, T>
+where
+    F: FnOnce() -> T + Send + 'static,
+    T: Send + 'static,
+{
+    Blocking {
+        call: Some(call),
+        running: None,
+    }
+}
+
+/// Made by [`blocking`].
+#[must_use = "the call is made only when this is awaited"]
+pub struct Blocking<F, T> {
+    call: Option<F>,
+    running: Option<Arc<Call<T>>>,
+}
+
+// Nothing in it is pinned: the call moves to the heap when it starts.
+impl<F, T> Unpin for Blocking<F, T> {}
+
+impl<F, T> Future for Blocking<F, T>
+where
+    F: FnOnce() -> T + Send + 'static,
+    T: Send + 'static,
+{
+    type Output = T;
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<T> {
+        // Cloned before the call is taken: a panic leaves it as it was.
+        let wake_handle = self.call.is_some().then(|| WakeHandle::of(cx));
+        if let Some(call) = self.call.take() {
+            current::replay_log(|log| log.outside("`blocking`"));
+            let running = Arc::new(Call {
+                state: PiLock::new(CallState::Running(wake_handle)),
+            });
+            self.running = Some(running.clone());
+            // Ends after the wake, also if the call's result panics as it is dropped.
+            let mut under_way = UnderWay::begin();
+            submit(Box::new(move || {
+                let result = {
+                    let _clock = under_way.clock().enter();
+                    catch_unwind(AssertUnwindSafe(call))
+                };
+                under_way.deliver(move || running.finish(result));
+            }));
+            return Poll::Pending;
+        }
+        let Some(running) = &self.running else {
+            panic!("a blocking call was polled after it was done");
+        };
+        let is_running = Renewal::of(cx).put(|renewal| match &mut *running.state.lock() {
+            CallState::Running(wake_handle) => {
+                renewal.store(wake_handle);
+                true
+            }
+            _ => false,
+        });
+        if is_running {
+            return Poll::Pending;
+        }
+        // Taken when no waker is left to be dropped.
+        let done = std::mem::replace(&mut *running.state.lock(), CallState::Taken);
+        self.running = None;
+        match done {
+            CallState::Done(Ok(value)) => Poll::Ready(value),
+            CallState::Done(Err(payload)) => resume_unwind(payload),
+            CallState::Running(_) | CallState::Taken => {
+                unreachable!("only the future takes the result")
+            }
+        }
+    }
+}
+
+impl<T> Call<T> {
+    fn finish(&self, result: Result<T, Box<dyn Any + Send>>) {
+        let ready = {
+            let mut state = self.state.lock();
+            match std::mem::replace(&mut *state, CallState::Done(result)) {
+                CallState::Running(Some(wake_handle)) => wake_handle.take(),
+                _ => PendingWake::NONE,
+            }
+        };
+        ready.wake();
+    }
+}
+
+impl<F, T> Drop for Blocking<F, T> {
+    fn drop(&mut self) {
+        if let Some(running) = &self.running {
+            let former = match &mut *running.state.lock() {
+                CallState::Running(wake_handle) => wake_handle.take(),
+                _ => None,
+            };
+            // After the lock: dropping a waker is the user's code.
+            drop(former);
+        }
+    }
+}
+
+luna_platform::debug_fields!(
+    impl[F, T] Blocking<F, T>, |blocking|
+    started: blocking.running.is_some()
+);
