@@ -31,9 +31,6 @@ impl Verdict {
 
     fn failure(ended: Ended) -> Self {
         events::note_failure();
-        // The failure is to be reported soon; the process' own end notifies only threads that wait
-        // for any end.
-        Common::with(|common| common.registry.announce_next());
         Self(Some(ended))
     }
 }

@@ -151,7 +151,7 @@ impl Register {
     #[inline]
     fn note_reported(&mut self, ended: ProcessHandle, emergency: &Emergency) {
         if let Some(kept) = self.note_end(ended.id(), emergency) {
-            kept.drop_with(ended);
+            drop((kept, ended));
         }
     }
 
