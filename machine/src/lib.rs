@@ -6,7 +6,8 @@
 //!
 //! - [`signals`], [`crash`], [`parent`]: requests to end, crashes, and the end of the parent
 //!   process, as events; [`alarm`]: a timer that is such an event. [`forked`]: whether this is a
-//!   child that has none of the program's threads. [`failover`]: jobs in order, by threads of which
+//!   child that has none of the program's threads. [`event_count`]: how threads wait for
+//!   events. [`failover`]: jobs in order, by threads of which
 //!   some may hang.
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs.
 //! - [`facts`]: what the machine is. [`tai`]: the time that computers can have in common.
@@ -30,6 +31,7 @@ extern crate shuttle as loom;
 pub mod alarm;
 #[cfg(not(loom))]
 pub mod crash;
+pub mod event_count;
 #[cfg(not(loom))]
 pub mod facts;
 pub mod failover;
