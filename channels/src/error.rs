@@ -274,6 +274,11 @@ pub enum BufferError {
 pub trait Ended {
     /// Whether its channel was poisoned, and not closed. `None`: it gave up.
     fn poisoned(&self) -> Option<bool>;
+
+    /// Whether the operation has communicated all the same: its result is not what it should be.
+    fn has_communicated(&self) -> bool {
+        false
+    }
 }
 
 impl<T> Ended for SendError<T> {

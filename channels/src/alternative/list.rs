@@ -5,7 +5,6 @@ use super::fast_path::{Finish, Visit};
 use super::guard::{Guard, RawGuard};
 use super::when::{Due, When};
 use crate::barrier::SyncOp;
-use crate::call::CallOp;
 use crate::operation::{Direction, Operation};
 use arrayvec::ArrayVec;
 use core::mem::MaybeUninit;
@@ -81,7 +80,6 @@ offered! {
     [] After;
     ['a] SyncOp<'a>;
     [D: Due] When<D>;
-    ['a, Q, A] CallOp<'a, Q, A>;
     ['a, T, D: Direction<T>] Operation<'a, T, D>;
 }
 

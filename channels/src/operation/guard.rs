@@ -11,7 +11,7 @@ use core::hint::cold_path;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::current::Here;
+use luna_core::current::{self, Here};
 use luna_core::wait_list::WaitNode;
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
@@ -19,7 +19,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
     #[inline]
     fn terms(&self) -> Terms<'_> {
         Terms {
-            can_fail: true,
+            can_fail: !D::ANSWERED,
             ..Terms::at(self.channel().wait_point(), &self.end.chosen)
         }
     }
@@ -89,6 +89,10 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
             outcome = unsafe { this.channel().update_wake_handle(this.waiter(), cx) };
         }
         match outcome {
+            // A failed branch does not wait for an answer.
+            Outcome::Held | Outcome::Waiting if D::ANSWERED && current::branch_failed() => {
+                this.leave_failed();
+            }
             // One that is held waits again when its receive is dropped.
             Outcome::Held | Outcome::Waiting => return Poll::Pending,
             Outcome::Broken => this.broken(),
@@ -128,7 +132,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
 impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     type Output = Result<D::Success<'a>, D::Failure>;
     type Seed = D::Seed<'a>;
-    const PLAIN: bool = D::PLAIN;
+    const PLAIN: bool = D::PLAIN_GUARD;
     const DROPS: bool = D::DROPS;
     const ALWAYS_OPEN: bool = D::ALWAYS_OPEN;
 
@@ -179,14 +183,14 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
 
     #[inline(always)]
     unsafe fn output_when_done(self: Pin<&mut Self>) -> Self::Output {
-        Ok(self.in_place().done())
+        self.in_place().done()
     }
 
     #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {
-            Outcome::Done => Ok(this.done()),
+            Outcome::Done => this.done(),
             outcome => {
                 cold_path();
                 this.settled(outcome)

@@ -1,7 +1,7 @@
 //! An operation under the lock of its channel: wherever the process is, and whatever is asked of
 //! the channel.
 
-use super::{Direction, Operation, Phase};
+use super::{Direction, GivesUp, Operation, Phase};
 use crate::core::{Attempted, ChannelGuard, Ending, FastPath, HandOff};
 use crate::in_place::InPlace;
 use crate::replay;
@@ -30,7 +30,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match self.phase {
             Phase::New => self.poll_new(cx),
             Phase::Listed | Phase::Logged => self.poll_listed(cx),
-            Phase::GaveWay => Poll::Ready(Ok(self.done())),
+            Phase::GaveWay => Poll::Ready(self.done()),
             Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
                 if current::branch_failed() {
                     current::stay_in_branch();
@@ -242,11 +242,14 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         let mut outcome = self.outcome();
         let _former;
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-            // A held sender has communicated: no failure takes that back.
-            if outcome == Outcome::Waiting && current::branch_failed() {
+            // A held sender has communicated: no failure takes that back. A failed branch does not
+            // wait for its answer.
+            if (outcome == Outcome::Waiting || D::ANSWERED) && current::branch_failed() {
                 (outcome, _former) = self.unlist();
-                if outcome == Outcome::Waiting {
+                if matches!(outcome, Outcome::Waiting | Outcome::Held) {
                     current::stay_in_branch();
+                }
+                if outcome == Outcome::Waiting {
                     outcome = Outcome::Poisoned;
                 }
             } else {
@@ -261,6 +264,19 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// One that a guard's alternative has chosen waits no more, since its branch has failed.
+    #[cold]
+    pub(super) fn leave_failed(&mut self) {
+        current::stay_in_branch();
+        let (outcome, _former) = self.unlist();
+        self.phase = Phase::Settled(match outcome {
+            Outcome::Waiting => Outcome::Poisoned,
+            outcome => outcome,
+        });
+    }
+}
+
+impl<'a, T, D: GivesUp<T>> Operation<'a, T, D> {
     /// Withdraws: exact, since the outcome is looked at first.
     pub(crate) fn give_up(self: Pin<&mut Self>) -> Result<D::Success<'a>, D::TimeoutFailure> {
         let this = self.in_place();
@@ -308,7 +324,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match attempted {
             Attempted::Done(ready) => {
                 ready.wake();
-                Ok(self.done())
+                self.done().map_err(D::TimeoutFailure::from)
             }
             Attempted::NotNow => {
                 self.phase = Phase::Over;
