@@ -196,8 +196,7 @@ impl<T> Channel<T> {
                 return Outcome::Done;
             }
             self.wait_point.hand_off_slots.leave(side);
-            let mut renewal = Renewal::of(cx);
-            self.renew_wake_handle(Some(locked), node, &mut renewal)
+            self.renew_wake_handle(Some(locked), node, Renewal::of(cx))
         }
     }
 }

@@ -11,7 +11,7 @@ use core::hint::cold_path;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::current::{self, Here};
+use luna_core::current::{self, Here, Renewal};
 use luna_core::wait_list::WaitNode;
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
@@ -86,7 +86,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
             // The committing thread holds the lock until it is settled. SAFETY: the node was
             // listed.
-            outcome = unsafe { this.channel().update_wake_handle(this.waiter(), cx) };
+            outcome = unsafe { this.renew_wake_handle(Renewal::of(cx)) };
         }
         match outcome {
             // A failed branch does not wait for an answer.

@@ -11,7 +11,7 @@ use core::future::Future;
 use core::ops::DerefMut;
 use core::pin::Pin;
 use core::task::{Context, Poll};
-use luna_core::current::{self, Here, PlainTurn, WakeHandle};
+use luna_core::current::{self, Here, PlainTurn, Renewal, WakeHandle};
 use luna_core::spin;
 
 /// The result of polling an operation.
@@ -116,7 +116,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         plain: Option<PlainTurn<'_>>,
         cx: &mut Context<'_>,
     ) -> Polled<Self> {
-        let (channel, here) = (self.channel(), locked.here());
+        let here = locked.here();
         // SAFETY: it is new; the future is pinned, and its drop withdraws it.
         match unsafe { D::attempt(self.node_pointer(), &mut locked, Some(cx)) } {
             Attempted::NotNow => {
@@ -145,8 +145,12 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                 if has_wake_handle {
                     return self.waits();
                 }
-                // SAFETY: the node was listed.
-                let outcome = unsafe { channel.look_for_partner(self.waiter(), looks, cx) };
+                let outcome = match looks && spin::look(|| self.outcome() != Outcome::Waiting) {
+                    true => self.outcome(),
+                    // SAFETY: the node was listed. A partner comes before this, and has settled the
+                    // node, or finds the wake handle.
+                    false => unsafe { self.renew_wake_handle(Renewal::made(cx)) },
+                };
                 self.looked(outcome, cx)
             }
             Attempted::Held(ready) => {
@@ -227,6 +231,17 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// # Safety
+    ///
+    /// The node was listed, and was not withdrawn.
+    pub(super) unsafe fn renew_wake_handle(&self, renewal: Renewal<'_, '_>) -> Outcome {
+        // SAFETY: this is the future of the node, and no lock is passed on.
+        unsafe {
+            self.channel()
+                .renew_wake_handle(None, self.waiter(), renewal)
+        }
+    }
+
     /// What was seen by looking for the partner.
     #[inline]
     fn looked(&mut self, outcome: Outcome, cx: &Context<'_>) -> Polled<Self> {
@@ -254,7 +269,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                 }
             } else {
                 // SAFETY: the node was listed.
-                outcome = unsafe { self.channel().update_wake_handle(self.waiter(), cx) };
+                outcome = unsafe { self.renew_wake_handle(Renewal::of(cx)) };
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
                     return self.waits();
                 }
