@@ -8,7 +8,7 @@ use crate::select_state::SelectState;
 use crate::sender::Sender;
 use crate::source::InNode;
 use crate::wait_point::WaitQueues;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::fmt;
 use core::ops::DerefMut;
 use core::ptr::NonNull;
@@ -204,7 +204,7 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
             Waiter::begin_as(
                 node.cast::<Waiter<Message<Q, A>>>(),
                 wait,
-                false,
+                Begun::InFull,
                 select_state,
                 None,
             )

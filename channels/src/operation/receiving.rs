@@ -7,7 +7,7 @@ use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Releasing};
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::mem::{ManuallyDrop, needs_drop, take};
 use core::ops::DerefMut;
 use core::ptr::NonNull;
@@ -79,11 +79,12 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         // its future knows it, which is this caller's.
         unsafe {
             M::waits(&mut node.as_mut().direction.note);
-            let waiter = node.cast::<Waiter<T>>();
-            Waiter::begin_as(waiter, wait, M::HOLDS, select_state, None);
-            if M::INHERITS {
-                (*Waiter::link(waiter)).inherits = true;
-            }
+            let begun = match (M::HOLDS, M::INHERITS) {
+                (_, true) => Begun::Serving,
+                (true, false) => Begun::Holding,
+                (false, false) => Begun::InFull,
+            };
+            Waiter::begin_as(node.cast::<Waiter<T>>(), wait, begun, select_state, None);
         }
     }
 

@@ -7,7 +7,7 @@ use crate::error::{SendError, SendTimeoutError};
 use crate::select_state::SelectState;
 use crate::source::{InNode, Source};
 use crate::wait_point::WaitQueues;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::ops::DerefMut;
@@ -66,7 +66,7 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     ) {
         // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
         // its future knows it.
-        unsafe { Waiter::begin_as(node.cast(), wait, false, select_state, S::MAKE) };
+        unsafe { Waiter::begin_as(node.cast(), wait, Begun::InFull, select_state, S::MAKE) };
     }
 
     #[inline(always)]

@@ -137,7 +137,7 @@ impl<'a, T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'a, T, L> {
                 self.boost_while_they_wait();
                 self.announce();
             } else {
-                if (*Waiter::link(node)).extended && !lists.extends {
+                if Waiter::begun(node).holds() && !lists.extends {
                     lists.extends = true;
                     lists.find_whether_plain();
                 }
