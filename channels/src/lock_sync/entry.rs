@@ -92,7 +92,7 @@ impl Entry {
                 is_listed: false,
                 listed: MaybeUninit::uninit(),
             });
-            Waiter::begin(Self::waiter(entry), false, None, None);
+            Waiter::begin(Self::waiter(entry), None);
             if let Some(inheritor) = &(*this).inheritor {
                 (*this).listed.write(Listed {
                     wait: WaitNode::new(),
