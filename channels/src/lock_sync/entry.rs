@@ -84,7 +84,7 @@ impl Entry {
                 core: core.clone(),
                 of_process: WaitNode::new(),
             });
-            Waiter::begin(Self::waiter(entry), false, None, None);
+            Waiter::begin(Self::waiter(entry), None);
             if let Some(inheritor) = Self::inheritor(entry) {
                 inheritor.begin_wait(entry.byte_add(OF_PROCESS).cast());
             }

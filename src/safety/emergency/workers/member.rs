@@ -4,7 +4,7 @@ use super::super::functions::{Assignment, Functions, Moment, Task};
 use super::{Emergency, EmergencyWorkers};
 use crate::safety::state::Cause;
 use luna_core::ProcessRegistry;
-use luna_core::failover::{FailoverSequence, Leg};
+use luna_machine::failover::{FailoverSequence, Leg};
 use luna_machine::signals;
 use luna_platform::clock::Instant;
 use luna_platform::thread;

@@ -1,11 +1,13 @@
 //! The event ring of a thread: one producer, one consumer, both non-blocking.
 
-use core::cell::Cell;
+#[cfg(not(loom))]
+use luna_core::events::Trace;
 #[cfg(not(loom))]
 use luna_platform::clock::Counter;
 use luna_platform::clock::Instant;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use luna_platform::sync::{Arc, UnsafeCell};
+use std::cell::Cell;
 
 /// A model has none.
 #[cfg(loom)]
@@ -23,7 +25,7 @@ impl Counter {
 const MAX_CODE: u16 = 0xFEFF;
 
 /// An event in the ring: code and subject, time stamp, two numbers.
-pub(super) type Entry = [u64; 4];
+type Entry = [u64; 4];
 
 /// The number of events that were lost because the ring was full.
 #[derive(Debug, Clone)]
@@ -40,7 +42,7 @@ impl Losses {
 ///
 /// `tail` and `limit` belong to the writer. An entry between `read` and `written` is the reader's,
 /// any other the writer's.
-pub(super) struct Ring {
+struct Ring {
     /// How many entries were ever written.
     tail: Cell<usize>,
     /// The number of entries up to which there is room, as far as the writer knows.
@@ -77,7 +79,7 @@ pub fn ring(room: usize, number: u32, counter: Option<Counter>) -> (Writer, Read
 }
 
 /// As [`ring`], for this listener to names.
-pub(super) fn ring_of(
+pub(crate) fn ring_of(
     whose: u64,
     room: usize,
     number: u32,
@@ -104,15 +106,6 @@ pub(super) fn ring_of(
 }
 
 impl Ring {
-    pub(super) fn number(&self) -> u32 {
-        self.number
-    }
-
-    #[cfg(not(loom))]
-    pub(super) fn whose(&self) -> u64 {
-        self.whose
-    }
-
     /// Puts an event in, or counts it as lost. False if it was lost and there is no reader any
     /// more. Wait-free, O(1).
     ///
@@ -120,7 +113,7 @@ impl Ring {
     ///
     /// The caller is the one writer's thread.
     #[inline]
-    pub(super) unsafe fn put(&self, head: u64, arguments: [u64; 2]) -> bool {
+    unsafe fn put(&self, head: u64, arguments: [u64; 2]) -> bool {
         let tail = self.tail.get();
         if tail == self.limit.get() && !self.finds_room(tail) {
             return self.lose(head);
@@ -172,10 +165,44 @@ impl Writer {
         // SAFETY: `self` is borrowed exclusively, so this is the one writer.
         unsafe { self.0.put(head, arguments) }
     }
+}
 
-    pub(super) fn ring(&self) -> &Ring {
-        &self.0
+/// What a thread has that is traced.
+#[cfg(not(loom))]
+struct OfThread(Writer);
+
+#[cfg(not(loom))]
+impl Trace for OfThread {
+    #[inline]
+    fn put(&self, code: u16, subject: u32, arguments: [u64; 2]) -> bool {
+        let head = u64::from(subject) << 32 | u64::from(code) << 16;
+        // SAFETY: the trace owns the one writer, and is called on one thread at a time.
+        unsafe { self.0.0.put(head, arguments) }
     }
+
+    fn place(&self) -> (u64, u32) {
+        (self.0.0.whose, self.0.0.number)
+    }
+}
+
+/// From now on the calling thread's events go to this ring. Allocates.
+///
+/// ```
+/// use luna_events::{self as events, Kind, code};
+///
+/// let (writer, mut reader) = events::ring(16, 0, None);
+/// events::attach(writer);
+/// events::report(code::SLOT, 7, || [41, 250]);
+/// assert!(events::is_on());
+/// events::detach();
+/// let mut words = Vec::new();
+/// reader.take(&mut words, 16);
+/// assert_eq!((words[0], &words[2..]), (7 << 32 | u64::from(code::SLOT) << 16, &[41, 250][..]));
+/// assert!(reader.is_over());
+/// ```
+#[cfg(not(loom))]
+pub fn attach(writer: Writer) {
+    luna_core::events::attach(Box::new(OfThread(writer)));
 }
 
 impl Drop for Writer {

@@ -9,7 +9,7 @@
 //!
 //! ```
 //! use luna_platform::clock::Instant;
-//! use luna_platform::event_count::EventCount;
+//! use luna_machine::event_count::EventCount;
 //!
 //! static EVENTS: EventCount = EventCount::new();
 //! EVENTS.join();
@@ -19,10 +19,10 @@
 //! EVENTS.leave();
 //! ```
 
-use crate::clock::Instant;
-use crate::futex::{Futex, Waited};
-use crate::path::{self, Call};
-use crate::sync::atomic::{AtomicU32, Ordering, fence};
+use luna_platform::clock::Instant;
+use luna_platform::futex::{Futex, Waited};
+use luna_platform::path::{self, Call};
+use luna_platform::sync::atomic::{AtomicU32, Ordering, fence};
 
 /// A count that threads can wait for. Its announcements are async-signal-safe on Linux.
 #[derive(Debug)]

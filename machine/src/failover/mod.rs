@@ -7,7 +7,7 @@
 //! one member, and either its runner has finished it or was left behind, never both.
 //!
 //! ```
-//! use luna_core::failover::{Leg, FailoverSequence};
+//! use luna_machine::failover::{Leg, FailoverSequence};
 //!
 //! let failover = FailoverSequence::new();
 //! let (brakes, lamp) = (failover.add().unwrap(), failover.add().unwrap());

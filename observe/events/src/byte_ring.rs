@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 /// Real-time path: yes, for the producer: wait-free, O(bytes), no allocation.
 ///
 /// ```
-/// use luna_core::byte_ring::ByteRing;
+/// use luna_events::ByteRing;
 ///
 /// let ring = ByteRing::new(4);
 /// ring.put(&[1, 2], &[3]);

@@ -1,9 +1,9 @@
 //! Events that are announced to one member alone, and jobs that it runs: none is lost, and every
 //! runner is watched.
 
+use crate::event_count::EventCount;
 use crate::failover::{FailoverSequence, Leg};
 use luna_platform::clock::Instant;
-use luna_platform::event_count::EventCount;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicBool, Ordering};
 

@@ -1,14 +1,13 @@
 //! Names, from the code that makes a named object to its listeners.
 
-use super::ring::{Reader, Writer, ring_of};
-use super::thread::place;
-use super::{Kind, is_on};
-use crate::current;
-use alloc::collections::LinkedList;
-use alloc::sync::{Arc, Weak};
-use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use crate::ring::{Reader, Writer, ring_of};
+use luna_core::current;
+use luna_core::events::{self, Kind, Listening, place};
 use luna_platform::clock::Counter;
 use luna_platform::lock::PiLock;
+use std::collections::LinkedList;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
 
 /// Something with a name.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,6 +30,7 @@ pub struct Name {
 pub struct Names {
     id: u64,
     list: PiLock<LinkedList<Name>>,
+    _listening: Listening,
 }
 
 /// A name in a node of its own, which is allocated before the lock is taken: an executor may have
@@ -40,13 +40,12 @@ fn node(name: Name) -> LinkedList<Name> {
 }
 
 static LISTENERS: PiLock<Vec<Weak<Names>>> = PiLock::new(Vec::new());
-static LISTENING: AtomicUsize = AtomicUsize::new(0);
 
 /// Listens to the names of each process, channel, barrier, lock and loop of the program that is
 /// named from now on, until the result is dropped.
 ///
 /// ```
-/// use luna_core::events::{self, Kind};
+/// use luna_events::{self as events, Kind};
 ///
 /// let names = events::listen();
 /// events::name(Kind::Channel, 4_000_000_001, 0, || "setpoint".to_owned());
@@ -57,11 +56,11 @@ pub fn listen() -> Arc<Names> {
     let names = Arc::new(Names {
         id: NEXT.fetch_add(1, Ordering::Relaxed),
         list: PiLock::new(LinkedList::new()),
+        _listening: events::listen(named),
     });
     let mut listeners = LISTENERS.lock();
     listeners.retain(|one| one.strong_count() > 0);
     listeners.push(Arc::downgrade(&names));
-    LISTENING.fetch_add(1, Ordering::Relaxed);
     names
 }
 
@@ -74,7 +73,7 @@ impl Names {
     /// As [`ring`](super::ring), of a thread or executor that is traced for this listener.
     ///
     /// ```
-    /// use luna_core::events;
+    /// use luna_events as events;
     ///
     /// let (one, other) = (events::listen(), events::listen());
     /// let (writer, _reader) = one.ring(16, 0, None);
@@ -88,7 +87,7 @@ impl Names {
 
     /// The names since the last call.
     pub fn take(&self) -> Vec<Name> {
-        let names = core::mem::take(&mut *self.list.lock());
+        let names = std::mem::take(&mut *self.list.lock());
         names.into_iter().collect()
     }
 
@@ -109,38 +108,13 @@ impl Names {
     }
 }
 
-impl Drop for Names {
-    fn drop(&mut self) {
-        LISTENING.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
-/// Reports a name to all listeners. Not for the real-time path: it locks and allocates, if there
-/// are any.
+/// Whether the calling thread is traced for this listener: see [`Names::id`].
 #[inline]
-pub fn name(kind: Kind, number: u32, parent: u32, text: impl FnOnce() -> String) {
-    if LISTENING.load(Ordering::Relaxed) > 0 {
-        named(kind, number, parent, text(), None);
-    }
+pub fn is_for(listener: u64) -> bool {
+    place().is_some_and(|(whose, _)| whose == listener)
 }
 
-/// Names a process, on the thread that it runs on. As [`name`]; only the recorder of this thread
-/// gets the executor and level.
-#[inline]
-pub fn name_process(process: u32, level: u8, text: impl FnOnce() -> String) {
-    if is_on() && LISTENING.load(Ordering::Relaxed) > 0 {
-        named(Kind::Process, process, 0, text(), Some(level));
-    }
-}
-
-/// Names the executor of the calling thread to its recorder, if there is one. As [`name`].
-#[inline]
-pub fn name_executor(text: impl FnOnce() -> String) {
-    if let Some((_, number)) = place() {
-        named(Kind::Executor, number, 0, text(), None);
-    }
-}
-
+/// Gives a name to all listeners.
 #[cold]
 fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) {
     let on_path = current::set_on_path(false);
@@ -154,7 +128,7 @@ fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) 
     };
     // Everything is allocated before the lock is taken, and freed after it is released. A listener
     // that was added meanwhile stands last, and gets none.
-    let most = LISTENING.load(Ordering::Relaxed);
+    let most = LISTENERS.lock().len();
     let mut room: Vec<_> = (0..most).map(|_| node(name.clone())).collect();
     let mut heard = Vec::with_capacity(most);
     {

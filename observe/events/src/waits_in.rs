@@ -1,14 +1,14 @@
 //! A future as what the current process waits for.
 
-use super::{Kind, beside, waits_for, waits_no_more};
-use core::future::Future;
-use core::pin::Pin;
-use core::task::{Context, Poll};
+use luna_core::events::{Kind, beside, waits_for, waits_no_more};
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
 
 /// While `future` waits, whatever for, the current process waits for this.
 ///
 /// ```
-/// use luna_core::events::{self, Kind};
+/// use luna_events::{self as events, Kind};
 ///
 /// let seven = events::waits_in((Kind::Loop, 7), async { 1 + 1 });
 /// # drop(seven);
