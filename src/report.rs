@@ -250,16 +250,16 @@ impl EarlierProcesses {
     /// Counts one that has ended, with an error of its own or without.
     #[inline]
     pub(crate) fn count(&mut self, process: &Member, overruns: u64) {
-        let known = process.known();
-        let as_what = match known.exit {
+        let handle = &process.handle;
+        let as_what = match handle.exit() {
             Some(Exit::Panicked(_)) => &mut self.panicked,
             Some(Exit::Cancelled) => &mut self.cancelled,
             _ if process.has_failed => &mut self.failed,
             _ => &mut self.completed,
         };
         *as_what += 1;
-        self.polls += known.polls;
-        self.longest_poll = self.longest_poll.max(known.longest_poll);
+        self.polls += handle.polls();
+        self.longest_poll = self.longest_poll.max(handle.longest_poll());
         self.overruns += overruns;
     }
 }

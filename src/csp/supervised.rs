@@ -1,6 +1,6 @@
 //! A process' body as an executor polls it: with the failures that the framework finds in it.
 
-use super::process::{Common, Frame};
+use super::process::Common;
 use crate::csp::alone;
 use crate::error::{Error, Result};
 use crate::time::{LoopName, Scope};
@@ -11,6 +11,7 @@ use std::future::Future;
 use std::hint::cold_path;
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll};
 
 /// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an
@@ -85,11 +86,9 @@ pub(crate) struct Supervised<F> {
 
 impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
-    pub(super) fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
-        if let Some(common) = frame {
-            common.enter_thread();
-            common.log.enter_executor();
-        }
+    pub(super) fn make(make: impl FnOnce() -> F, common: &Arc<Common>) -> Self {
+        common.enter_thread();
+        common.log.enter_executor();
         let alarm = Alarm;
         let body = make();
         std::mem::forget(alarm);

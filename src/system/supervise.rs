@@ -235,8 +235,8 @@ fn end(
 /// noted. Returns when to look again, and whether one was found for the first time.
 fn look_for_overdue(members: &Members, now: Instant) -> (Instant, bool) {
     let ledgers = members.started.monitored();
-    let running = ledgers.filter(|(_, member)| !member.is_reaped());
-    let looks = running.filter_map(|(_, member)| Some(member.ledger()?.look(now)));
+    let running = ledgers.filter(|(_, member)| !member.is_reaped);
+    let looks = running.filter_map(|(_, member)| Some(member.ledger.as_ref()?.look(now)));
     let (next, is_overdue) = looks.fold((Instant::NEVER, false), |all, one| {
         (all.0.min(one.0), all.1 | one.1)
     });

@@ -27,7 +27,7 @@ impl Warnings {
         let mut next = Instant::NEVER;
         self.said.retain(|_, said| now < *said + PAUSE);
         for (id, member) in members.started.monitored() {
-            let Some(ledger) = member.ledger() else {
+            let Some(ledger) = &member.ledger else {
                 continue;
             };
             if !ledger.has_news() {
@@ -46,7 +46,7 @@ impl Warnings {
     /// What has not been reported yet, at the end.
     pub(super) fn rest(members: &Members) -> Vec<String> {
         let with_news = members.started.monitored().filter_map(|(_, member)| {
-            let ledger = member.ledger()?;
+            let ledger = member.ledger.as_ref()?;
             ledger.has_news().then(|| take_lines(member.name(), ledger))
         });
         with_news.flatten().collect()

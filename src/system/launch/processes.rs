@@ -140,6 +140,6 @@ impl Held {
         self.members
             .into_iter()
             .rev()
-            .for_each(|(_, mut member)| drop(clean_up(member.take_resident())));
+            .for_each(|(_, mut member)| drop(clean_up(member.resident.take())));
     }
 }

@@ -1,9 +1,9 @@
 //! What is to be: executors and processes, as they were described.
 
-use crate::csp::process::{Build, Prepared, Start};
+use crate::csp::process::Prepared;
 use crate::safety::Ledger;
+use luna_core::ProcessSpec;
 use luna_core::current::ProcessId;
-use luna_core::{Name, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
@@ -25,28 +25,28 @@ impl Placement {
     }
 }
 
-/// A described process; `B` makes its body.
-pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
+/// A described process.
+pub(crate) struct ProcessPlan {
     pub(crate) place: Placement,
     pub(crate) spec: ProcessSpec,
     /// Others may have its name too.
     pub(crate) shares_name: bool,
     pub(crate) ledger: Option<Arc<Ledger>>,
-    pub(crate) prepared: Prepared<B>,
+    pub(crate) prepared: Prepared,
 }
 
 /// The names that a process takes: they are given back if it is refused.
 pub(super) struct Names {
     /// Its own, unless it shares one.
-    pub(super) process: Option<Name>,
+    pub(super) process: Option<String>,
     /// That of its thread.
     pub(super) thread: Option<String>,
 }
 
-impl<B> ProcessPlan<B> {
+impl ProcessPlan {
     pub(super) fn names(&self) -> Names {
         Names {
-            process: (!self.shares_name).then(|| self.name().clone()),
+            process: (!self.shares_name).then(|| self.name().to_owned()),
             thread: self.thread_name().map(str::to_owned),
         }
     }
@@ -60,30 +60,11 @@ impl<B> ProcessPlan<B> {
         }
     }
 
-    pub(crate) fn name(&self) -> &Name {
+    pub(crate) fn name(&self) -> &str {
         self.spec.name()
     }
 
     pub(crate) fn id(&self) -> ProcessId {
         self.spec.id()
-    }
-
-    /// The same description with another body.
-    #[inline]
-    pub(crate) fn map<C>(self, other: impl FnOnce(Prepared<B>) -> Prepared<C>) -> ProcessPlan<C> {
-        ProcessPlan {
-            place: self.place,
-            spec: self.spec,
-            shares_name: self.shares_name,
-            ledger: self.ledger,
-            prepared: other(self.prepared),
-        }
-    }
-}
-
-impl<B: Build> ProcessPlan<B> {
-    /// The same description with a boxed body, for lists of mixed types.
-    pub(super) fn boxed(self) -> ProcessPlan {
-        self.map(Prepared::boxed)
     }
 }
