@@ -3,16 +3,13 @@
 use crate::in_place::InPlace;
 use crate::replay::{self, Logged, Stage};
 use crate::wait_point::{Ending, WaitPoint, WaitQueues};
-use core::cell::UnsafeCell;
 use core::future::Future;
-use core::marker::PhantomPinned;
+use core::ops::DerefMut;
 use core::pin::Pin;
-use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
-use luna_core::events;
+use luna_core::current::{self, PendingWake};
 use luna_core::replay_log::{Event, Turn, What};
-use luna_core::wait_list::{WaitList, WaitNode};
+use luna_core::waiting::{Kind, Op, OpList};
 
 /// How a channel has ended: what [`Ended`] gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -23,18 +20,22 @@ pub enum ChannelEnd {
     Poisoned,
 }
 
-/// The node of a watcher: a process that waits for the end. While it is listed the wait point's
-/// lock guards it.
-#[repr(C)]
-struct Watcher {
-    /// First, so that the list's node leads back to this.
-    wait: WaitNode,
+/// Takes out the most urgent watcher of the present ending, and returns its wake. O(watchers that
+/// wait on).
+pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
+    let ending = lists.ending;
+    lists.watching.take(|watcher| watcher.end(ending).is_some())
+}
+
+/// What a process waits for that waits for the end.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Watcher {
     of_poison_alone: bool,
-    listed: bool,
 }
 
 impl Watcher {
-    fn is_met_by(&self, ending: Ending) -> Option<ChannelEnd> {
+    /// The end that it waits for, if that is what `ending` says.
+    fn end(self, ending: Ending) -> Option<ChannelEnd> {
         match ending {
             Ending::Poisoned => Some(ChannelEnd::Poisoned),
             Ending::Closed if !self.of_poison_alone => Some(ChannelEnd::Closed),
@@ -43,81 +44,63 @@ impl Watcher {
     }
 }
 
-/// Takes out the most urgent watcher of the present ending, and returns its wake handle. O(watchers
-/// that wait on).
-pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
-    let ending = lists.ending;
-    let mut watchers = lists.watching.nodes().map(NonNull::cast::<Watcher>);
-    // SAFETY: what is in this list is the first field of a live watcher, which the lock guards; the
-    // lists are borrowed from it.
-    let is_met = |watcher: &NonNull<Watcher>| unsafe { watcher.as_ref() }.is_met_by(ending);
-    let watcher = watchers.find(|watcher| is_met(watcher).is_some())?;
-    drop(watchers);
-    // SAFETY: it was found in the list, and the lock of the list is held.
-    Some(unsafe { unlist(&mut lists.watching, watcher) })
+struct End<'a> {
+    wait_point: &'a WaitPoint,
+    watcher: Watcher,
 }
 
-/// # Safety
-///
-/// `watcher` is in `list`, and the lock of `list` is held.
-unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake {
-    // SAFETY: the watcher is in this list, and the lock is held that guards both: so it is live, no
-    // other thread accesses it, and its wait node, the first field, can be removed.
-    unsafe {
-        list.remove(watcher.cast());
-        (*watcher.as_ptr()).listed = false;
-        let wake_handle = (*watcher.as_ptr()).wait.wake_handle_mut().take();
-        wake_handle.map_or(PendingWake::NONE, WakeHandle::take)
+// SAFETY: a wait point has one lock, and one list of watchers, which it guards.
+unsafe impl Kind for End<'_> {
+    type Queue = WaitQueues;
+    type Note = Watcher;
+    type Output = ChannelEnd;
+
+    fn lock(&self) -> impl DerefMut<Target = WaitQueues> {
+        self.wait_point.lock_lists()
+    }
+
+    fn list<'q>(&self, lists: &'q mut WaitQueues) -> &'q mut OpList<Watcher> {
+        &mut lists.watching
+    }
+
+    fn attempt(&self, lists: &mut WaitQueues) -> Option<ChannelEnd> {
+        self.watcher.end(lists.ending)
+    }
+
+    fn begin(&self, _: &mut WaitQueues) -> Result<Watcher, ChannelEnd> {
+        Ok(self.watcher)
     }
 }
 
 /// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended),
 /// [`Receiver::ended`](crate::Receiver::ended) and
 /// [`Receiver::poisoned`](crate::Receiver::poisoned).
-///
-/// # Invariants
-///
-/// Once it was polled it is pinned, and leaves the list before it goes.
 #[must_use = "it waits only when awaited"]
 pub struct Ended<'a> {
-    wait_point: &'a WaitPoint,
+    op: Op<End<'a>>,
     /// The result, while its process is held by its replay log.
     given: Option<ChannelEnd>,
     /// Its process' replay log has admitted it.
     has_entered: bool,
     /// It has let others run.
     has_given_way: bool,
-    watcher: UnsafeCell<Watcher>,
-    _pinned: PhantomPinned,
 }
-
-// SAFETY: the watcher is touched under the wait point's lock alone, wherever the future is.
-unsafe impl Send for Ended<'_> {}
-// SAFETY: `&Ended` gives access to nothing that changes.
-unsafe impl Sync for Ended<'_> {}
 
 impl<'a> Ended<'a> {
     pub(crate) fn new(wait_point: &'a WaitPoint, of_poison_alone: bool) -> Self {
         Self {
-            wait_point,
+            op: Op::new(End {
+                wait_point,
+                watcher: Watcher { of_poison_alone },
+            }),
             given: None,
             has_entered: false,
             has_given_way: false,
-            watcher: UnsafeCell::new(Watcher {
-                wait: WaitNode::new(),
-                of_poison_alone,
-                listed: false,
-            }),
-            _pinned: PhantomPinned,
         }
-    }
-
-    fn node(&self) -> NonNull<Watcher> {
-        NonNull::from(&self.watcher).cast()
     }
 }
 
-// SAFETY: what is pinned is the watcher, which every method leaves where it is.
+// SAFETY: what is pinned is the operation, which every method leaves where it is.
 unsafe impl InPlace for Ended<'_> {}
 
 impl Future for Ended<'_> {
@@ -195,36 +178,11 @@ impl Ended<'_> {
             current::stay_in_branch();
             return self.found(ChannelEnd::Poisoned, cx);
         }
-        let node = self.node();
-        let mut renewal = Renewal::of(cx);
-        let end = renewal.put(|renewal| {
-            let mut lists = self.wait_point.lock_lists();
-            // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the
-            // list when the future is dropped.
-            unsafe {
-                let has_waited = node.as_ref().listed;
-                if let Some(end) = node.as_ref().is_met_by(lists.ending) {
-                    return Some((end, has_waited));
-                }
-                if has_waited {
-                    renewal.store((*node.as_ptr()).wait.wake_handle_mut());
-                } else if let Some(wake_handle) = renewal.take() {
-                    (*node.as_ptr()).listed = true;
-                    lists
-                        .watching
-                        .insert(node.cast(), current::priority(), wake_handle);
-                }
-            }
-            None
-        });
-        match end {
-            // No value is taken, so it looks again.
-            Some((end, true)) => Poll::Ready(end),
-            Some((end, false)) => self.found(end, cx),
-            None => {
-                events::waits_for_other();
-                Poll::Pending
-            }
+        let has_waited = self.op.has_waited();
+        // SAFETY: it is pinned with this future, whose methods do not move it.
+        match unsafe { Pin::new_unchecked(&mut self.op) }.poll(cx) {
+            Poll::Ready(end) if !has_waited => self.found(end, cx),
+            polled => polled,
         }
     }
 }
@@ -234,18 +192,6 @@ impl Drop for Ended<'_> {
         if self.given.is_none() {
             replay::abandon(!self.has_entered);
         }
-        let node = self.node();
-        let mut lists = self.wait_point.lock_lists();
-        // SAFETY: the lock is held; a watcher in this state is in the list of its wait point.
-        let unused = unsafe {
-            if !node.as_ref().listed {
-                return;
-            }
-            lists.watching.remove(node.cast());
-            (*node.as_ptr()).wait.wake_handle_mut().take()
-        };
-        drop(lists);
-        drop(unused);
     }
 }
 

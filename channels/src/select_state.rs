@@ -20,7 +20,7 @@
 //! learn the outcome.
 
 use core::ptr::NonNull;
-use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard, Refused};
+use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
@@ -180,26 +180,6 @@ impl SelectState {
         // SAFETY: the calling thread does not hold the commit lock, as is demanded here: all that
         // the lock demands.
         self.commit_lock.enter_in(turn.here())
-    }
-
-    /// As [`commit_lock_if_biased`](Self::commit_lock_if_biased), with the reason of a refusal.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold the commit lock.
-    #[inline(always)]
-    pub(crate) unsafe fn enter_commit_lock(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Result<InsideGuard<'_, ()>, Refused> {
-        // SAFETY: the calling thread does not hold the commit lock, as is demanded here: all that
-        // the lock demands.
-        unsafe { self.commit_lock.enter_trusted(turn) }
-    }
-
-    /// See [`BiasedLock::after_revocation`], of the commit lock.
-    pub(crate) fn after_revocation(&self) {
-        self.commit_lock.after_revocation();
     }
 
     /// Opens a select state that needs its commit lock for good.

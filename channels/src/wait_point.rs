@@ -15,6 +15,7 @@ use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Here, PlainTurn, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
+use luna_core::waiting::OpList;
 
 /// Whether communication is still possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,8 +47,7 @@ pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
 
 /// The lists, under their lock, in whichever way it is held.
 pub(crate) trait Lists: core::ops::DerefMut<Target = WaitQueues> {}
-impl Lists for BiasedGuard<'_, WaitQueues> {}
-impl Lists for InsideGuard<'_, WaitQueues> {}
+impl<L: core::ops::DerefMut<Target = WaitQueues>> Lists for L {}
 
 /// Where processes meet. It must lie at the beginning of a cache line, so that a rendezvous writes
 /// one line only.
@@ -59,6 +59,10 @@ pub(crate) struct WaitPoint {
     lock: BiasedLock<WaitQueues>,
     pub(crate) identity: Identity,
 }
+
+// SAFETY: the queues are guarded by their lock, and the slots by their protocol: see
+// `hand_off_slots`.
+unsafe impl Sync for WaitPoint {}
 
 impl WaitPoint {
     pub(crate) fn new(identity: Identity) -> Self {
@@ -73,7 +77,7 @@ impl WaitPoint {
                 receivers: WaitList::new(),
                 held: WaitList::new(),
                 registered: WaitList::new(),
-                watching: WaitList::new(),
+                watching: OpList::new(),
                 ending: Ending::Open,
                 is_unusual: false,
                 is_plain: false,
@@ -126,7 +130,13 @@ impl WaitPoint {
     /// operations of a channel too, use [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
-        let mut lists = self.lock.lock();
+        self.lock_from(Here::now())
+    }
+
+    /// As [`lock`](Self::lock).
+    #[inline]
+    pub(crate) fn lock_from(&self, here: Here<'_>) -> BiasedGuard<'_, WaitQueues> {
+        let mut lists = self.lock.lock_in(here);
         lists.list_lone();
         lists
     }

@@ -6,10 +6,9 @@
 //! forgets what a file was watched for, but not the file: the next wait for it needs one system
 //! call.
 
-use crate::current::{self, Renewal, WakeHandle};
 use crate::executor::Shared;
 use crate::file_error::FileError;
-use crate::file_waits::{Node, Waits, both};
+use crate::file_waits::{FileWait, Waits, both};
 use luna_platform::bell::{Bell, Hook, Watch};
 use luna_platform::clock::Instant;
 use luna_platform::futex::Waited;
@@ -18,10 +17,8 @@ use luna_platform::on_drop::OnDrop;
 use luna_platform::reactor::{BorrowedFd, Reactor, ReactorError, Readiness};
 use std::cell::{Cell, RefCell};
 use std::os::fd::{AsRawFd, RawFd};
-use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
-use std::task::Context;
 
 /// A busy thread looks at its files once in this many rounds: a look costs half a microsecond.
 const ROUNDS_PER_LOOK: u32 = 64;
@@ -111,7 +108,7 @@ pub(crate) struct ThreadFiles {
     reactor: Reactor,
     /// Held also while the reactor is updated, so that it never watches for less than what the
     /// lists want.
-    waits: PiLock<Waits>,
+    pub(crate) waits: PiLock<Waits>,
     /// Number of waits. Read by the owner, to which a wait of its own is never hidden.
     count: AtomicUsize,
     /// Since the last look; the owner's alone.
@@ -145,23 +142,17 @@ impl ThreadFiles {
         })
     }
 
-    /// Waits from now on; `node` is unlisted when it is ready.
-    ///
-    /// # Safety
-    ///
-    /// `node` is pinned, in no list, of `file`, and withdrawn from here before it dies. This is the
-    /// files' thread.
-    pub(crate) unsafe fn enlist(
+    /// Watches a file also for one more wait, which is about to be listed in `waits`.
+    pub(crate) fn arm(
         &self,
-        node: NonNull<Node>,
+        waits: &mut Waits,
         file: BorrowedFd<'_>,
-        wake_handle: WakeHandle,
+        wait: FileWait,
     ) -> Result<(), FileError> {
-        let fd = file.as_raw_fd();
-        let mut waits = self.waits.lock();
-        // SAFETY: the node is the caller's, and in no list.
-        let own = unsafe { node.as_ref() }.interest;
-        let interest = waits.interest(fd).map_or(own, |others| both(own, others));
+        let FileWait { fd, interest } = wait;
+        let interest = waits
+            .interest(fd)
+            .map_or(interest, |others| both(interest, others));
         // Mostly it was waited for before. If it was closed since, this is another file by the same
         // number, and the kernel treats it as another.
         match self.reactor.rearm(file, fd as u64, interest) {
@@ -171,45 +162,12 @@ impl ThreadFiles {
             outcome => outcome,
         }
         .map_err(FileError::Refused)?;
-        // SAFETY: the caller promises that the node is in no list, stays where it is, and is
-        // withdrawn before it dies; the lock that guards the lists is held.
-        unsafe { waits.insert(node, current::priority(), wake_handle) };
         self.count.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
 
-    /// Whether `node` still waits; if so, from now on for the task that polls with `cx`.
-    ///
-    /// # Safety
-    ///
-    /// `node` was enlisted here.
-    pub(crate) unsafe fn is_pending(&self, node: NonNull<Node>, cx: &Context<'_>) -> bool {
-        let mut renewal = Renewal::of(cx);
-        renewal.put(|renewal| {
-            let _waits = self.waits.lock();
-            // SAFETY: the lock guards the node.
-            let node = unsafe { &mut *node.as_ptr() };
-            if node.listed {
-                renewal.store(node.wait.wake_handle_mut());
-            }
-            node.listed
-        })
-    }
-
-    /// Waits no more, from any thread. Does nothing to one that has been readied.
-    ///
-    /// # Safety
-    ///
-    /// `node` was enlisted here for `file`.
-    pub(crate) unsafe fn withdraw(&self, node: NonNull<Node>, file: BorrowedFd<'_>) {
-        let mut waits = self.waits.lock();
-        // SAFETY: the lock guards the node; if it is listed it is in its list.
-        unsafe {
-            if !node.as_ref().listed {
-                return;
-            }
-            waits.remove(node);
-        }
+    /// A wait for `file` has taken itself off `waits`, on any thread.
+    pub(crate) fn disarm(&self, waits: &mut Waits, file: BorrowedFd<'_>) {
         let is_last = self.count.fetch_sub(1, Ordering::Release) == 1;
         // While others wait for the same file it stays watched for at least what they want; what
         // they do not want ends no wait.
@@ -217,10 +175,6 @@ impl ThreadFiles {
             // It fails if the file was closed behind our back; then the kernel has forgotten it.
             let _ = self.reactor.deregister(file);
         }
-        drop(waits);
-        // The last step, since its drop is user code.
-        // SAFETY: an unlisted node is its wait's alone.
-        let _former = unsafe { (*node.as_ptr()).wait.wake_handle_mut() }.take();
         if is_last && self.thread != this_thread() {
             // It may sleep in the belief that a file can wake it.
             self.reactor.wake();
@@ -229,8 +183,8 @@ impl ThreadFiles {
 
     /// Readies all waits for what the file is ready for, the most urgent first.
     fn report(&self, fd: RawFd, readiness: Readiness) {
-        self.ready(fd, |node| node.wants(readiness));
-        let waits = self.waits.lock();
+        self.ready(fd, |wait| wait.wants(readiness));
+        let mut waits = self.waits.lock();
         let Some(interest) = waits.interest(fd) else {
             return;
         };
@@ -247,7 +201,7 @@ impl ThreadFiles {
     }
 
     /// Readies the waits for `fd` that are `meant`.
-    fn ready(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) {
+    fn ready(&self, fd: RawFd, meant: impl Fn(FileWait) -> bool) {
         // One by one, so that no wake occurs under the lock. The waits may be gone when they are
         // woken: their wakes are not.
         loop {

@@ -1,18 +1,16 @@
-//! Waiting for files and sockets: the futures. What a thread keeps of them is in `watch`.
+//! Waiting for files and sockets: the futures. What a thread keeps of them is in `file_watch`.
 
 use crate::current;
-use crate::current::WakeHandle;
-use crate::events;
 use crate::file_error::FileError;
-use crate::file_waits::Node;
+use crate::file_waits::{FileWait, Waits};
 use crate::file_watch::ThreadFiles;
+use crate::waiting::{Kind, Op, OpList};
 use luna_platform::reactor::Interest;
-use std::cell::UnsafeCell;
+use pin_project_lite::pin_project;
 use std::future::Future;
-use std::marker::PhantomPinned;
-use std::os::fd::{AsFd, BorrowedFd};
+use std::ops::DerefMut;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
@@ -82,39 +80,65 @@ pub fn writable(file: &impl AsFd) -> FileReady<'_> {
     FileReady::new(file.as_fd(), Interest::Writable)
 }
 
-/// Made by [`readable`] and [`writable`]. It borrows the file, which therefore cannot be closed
-/// meanwhile.
-///
-/// # Invariants
-///
-/// `node` is in the list of `files`, or has been readied by it, exactly while there are `files`; it
-/// is then pinned, and their lock guards it.
-#[must_use = "it waits only when awaited"]
-pub struct FileReady<'file> {
-    file: BorrowedFd<'file>,
-    files: Option<Arc<ThreadFiles>>,
-    node: UnsafeCell<Node>,
-    _pinned: PhantomPinned,
+pin_project! {
+    /// Made by [`readable`] and [`writable`]. It borrows the file, which therefore cannot be closed
+    /// meanwhile.
+    #[must_use = "it waits only when awaited"]
+    pub struct FileReady<'file> {
+        file: BorrowedFd<'file>,
+        interest: Interest,
+        // From the first poll on.
+        #[pin]
+        op: Option<Op<Ready<'file>>>,
+    }
 }
 
-// SAFETY: the node is guarded by the lock of the files that it is listed in, wherever the future
-// is.
-unsafe impl Send for FileReady<'_> {}
-// SAFETY: `&FileReady` gives access to nothing that changes.
-unsafe impl Sync for FileReady<'_> {}
+/// That a file is ready, as the thread that polls learns of it.
+struct Ready<'file> {
+    file: BorrowedFd<'file>,
+    wait: FileWait,
+    files: Arc<ThreadFiles>,
+}
 
 impl<'file> FileReady<'file> {
     fn new(file: BorrowedFd<'file>, interest: Interest) -> Self {
         Self {
             file,
-            files: None,
-            node: UnsafeCell::new(Node::new(file, interest)),
-            _pinned: PhantomPinned,
+            interest,
+            op: None,
         }
     }
+}
 
-    fn node(&self) -> NonNull<Node> {
-        NonNull::from(&self.node).cast()
+// SAFETY: the files of a thread have one lock, which guards the list of each number.
+unsafe impl Kind for Ready<'_> {
+    type Queue = Waits;
+    type Note = FileWait;
+    type Output = Result<(), FileError>;
+
+    fn lock(&self) -> impl DerefMut<Target = Waits> {
+        self.files.waits.lock()
+    }
+
+    fn list<'q>(&self, waits: &'q mut Waits) -> &'q mut OpList<FileWait> {
+        waits.list(self.wait.fd)
+    }
+
+    fn attempt(&self, _: &mut Waits) -> Option<Self::Output> {
+        None
+    }
+
+    fn begin(&self, waits: &mut Waits) -> Result<FileWait, Self::Output> {
+        let armed = self.files.arm(waits, self.file, self.wait);
+        armed.map(|()| self.wait).map_err(Err)
+    }
+
+    fn settled(&self) -> Option<Self::Output> {
+        Some(Ok(()))
+    }
+
+    fn withdrawn(&self, waits: &mut Waits) {
+        self.files.disarm(waits, self.file);
     }
 }
 
@@ -122,50 +146,30 @@ impl Future for FileReady<'_> {
     type Output = Result<(), FileError>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing is moved.
-        let this = unsafe { self.get_unchecked_mut() };
         current::replay_log(|log| log.outside("waiting for a file"));
-        let node = this.node();
+        let mut this = self.project();
         let here = match ThreadFiles::here() {
             Ok(here) => here,
             Err(error) => return Poll::Ready(Err(error)),
         };
-        if let Some(files) = &this.files {
-            // SAFETY: the node was listed there.
-            if unsafe { files.is_pending(node, cx) } {
-                if Arc::ptr_eq(files, &here) {
-                    events::waits_for_other();
-                    return Poll::Pending;
-                }
-                // A wait belongs to the thread that polls it: another one's may not look at its
-                // files any more. SAFETY: the node was enlisted there, for this file.
-                unsafe { files.withdraw(node, this.file) };
-                this.files = None;
-            } else {
-                this.files = None;
-                return Poll::Ready(Ok(()));
+        loop {
+            let op = this.op.as_mut().as_pin_mut();
+            // A wait belongs to the thread that polls it: another one's may not look at its files
+            // any more.
+            if let Some(op) = op.filter(|op| Arc::ptr_eq(&op.kind().files, &here)) {
+                return op.poll(cx);
             }
-        }
-        // SAFETY: the node is pinned and in no list; it is withdrawn before it dies.
-        match unsafe { here.enlist(node, this.file, WakeHandle::of(cx)) } {
-            Ok(()) => {
-                this.files = Some(here);
-                events::waits_for_other();
-                Poll::Pending
-            }
-            Err(error) => Poll::Ready(Err(error)),
+            let wait = FileWait {
+                fd: this.file.as_raw_fd(),
+                interest: *this.interest,
+            };
+            this.op.set(Some(Op::new(Ready {
+                file: *this.file,
+                wait,
+                files: here.clone(),
+            })));
         }
     }
 }
 
-impl Drop for FileReady<'_> {
-    fn drop(&mut self) {
-        if let Some(files) = &self.files {
-            events::waits_no_more(|| None);
-            // SAFETY: the node was listed there.
-            unsafe { files.withdraw(self.node(), self.file) };
-        }
-    }
-}
-
-luna_platform::debug_fields!(FileReady<'_>, |ready| file: ready.file, waits: ready.files.is_some());
+luna_platform::debug_fields!(FileReady<'_>, |ready| file: ready.file, waits: ready.op.is_some());

@@ -76,6 +76,7 @@ pub mod replay_log;
 pub mod spin;
 pub mod timer_queue;
 pub mod wait_list;
+pub mod waiting;
 
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;

@@ -23,14 +23,15 @@ pub use party::Party;
 pub use sync::SyncOp;
 
 use crate::finally::Finally;
-use crate::guarded_wait_point::GuardedWaitPoint;
+use crate::guarded_wait_point::{GuardedWaitPoint, Locked};
 use crate::inspect::WaitPointKind;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use crate::wait_point::{Lists, WaitQueues};
+use crate::wait_point::Lists;
 use crate::waiter::Waiter;
 use luna_core::current::{self, Here, PendingWake, User};
 use luna_core::deferred_free::Shared;
+use luna_core::wait_list::WaitList;
 
 /// The most parties that are released in one critical section.
 const TOGETHER: usize = 16;
@@ -40,13 +41,11 @@ const TOGETHER: usize = 16;
 struct Round {
     /// Number of parties that must come.
     parties: usize,
-    /// Number of parties that have come, and wait in the list of senders.
+    /// Number of parties that have come, and wait.
     arrived: usize,
-    /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their
-    /// select states.
+    /// How many alternatives offer it.
     offering: usize,
-    /// Number of completed rounds. A party that waits with another number may go, and is in the
-    /// list `held`.
+    /// Number of completed rounds. A party that waits with another number may go.
     number: u32,
 }
 
@@ -119,10 +118,7 @@ impl Barrier {
     /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round,
     /// that round waits for it too.
     pub fn enroll(&self) -> Party {
-        let mut lists = self.meeting.lock();
-        self.meeting
-            .state(&mut lists, |round, _| round.parties += 1);
-        drop(lists);
+        self.meeting.lock().state().parties += 1;
         Party::new(self.clone())
     }
 
@@ -134,8 +130,7 @@ impl Barrier {
 
     /// Number of parties that must come: for display, since it may have changed already.
     pub fn parties(&self) -> usize {
-        let mut lists = self.meeting.lock();
-        self.meeting.state(&mut lists, |round, _| round.parties)
+        self.meeting.lock().state().parties
     }
 
     /// Puts a group of `parties` processes in the place of one party that [`new`](Self::new)
@@ -159,11 +154,7 @@ impl Barrier {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn local(&self, parties: usize) -> Barrier {
-        let mut lists = self.meeting.lock();
-        let more = parties.saturating_sub(1);
-        self.meeting
-            .state(&mut lists, |round, _| round.parties += more);
-        drop(lists);
+        self.meeting.lock().state().parties += parties.saturating_sub(1);
         self.clone()
     }
 
@@ -214,134 +205,40 @@ impl Meeting {
     }
 
     fn resign(&self) {
-        let mut lists = self.lock();
-        self.state(&mut lists, |round, _| {
-            round.parties = round.parties.saturating_sub(1);
-        });
-        let is_complete = self.complete_with(&mut lists, 0);
-        drop(lists);
+        let mut meeting = self.lock();
+        let round = meeting.state();
+        round.parties = round.parties.saturating_sub(1);
+        let is_complete = meeting.complete_with(0);
+        drop(meeting);
         if is_complete {
             self.release();
-        }
-    }
-
-    /// Whether another party than the one that comes now is missing.
-    #[inline(always)]
-    fn is_missing_more(&self, lists: &mut WaitQueues) -> bool {
-        self.state(lists, |round, _| {
-            round.arrived + round.offering + 1 < round.parties
-        })
-    }
-
-    /// Completes the round if enough have come together with `more` unlisted parties. The waiting
-    /// parties are then to be [released](Self::release), without the lock. O(parties that are
-    /// alternatives). `lists` are those of this barrier.
-    #[inline]
-    fn complete_with(&self, lists: &mut WaitQueues, more: usize) -> bool {
-        let (missing, offering) = self.state(lists, |round, _| {
-            let come = round.arrived + round.offering + more;
-            (round.parties.saturating_sub(come), round.offering)
-        });
-        let none_waits = lists.senders.is_empty() && lists.receivers.is_empty();
-        if missing > 0 || (more == 0 && none_waits) {
-            return false;
-        }
-        // SAFETY: the lists are this barrier's: `state` has made sure of that.
-        if offering > 0 && !unsafe { self.commit_offering(lists, more) } {
-            return false;
-        }
-        let WaitQueues {
-            senders,
-            receivers,
-            held,
-            ..
-        } = lists;
-        held.append(senders);
-        held.append(receivers);
-        self.state(lists, |round, _| {
-            round.arrived = 0;
-            round.offering = 0;
-            round.number = round.number.wrapping_add(1);
-        });
-        true
-    }
-
-    /// Chooses the barrier in all alternatives that offer it, if they are enough together with the
-    /// parties that have come and `more`. Those that have chosen another guard go off the list.
-    ///
-    /// # Safety
-    ///
-    /// `lists` are those of this barrier.
-    #[inline(never)]
-    unsafe fn commit_offering(&self, lists: &mut WaitQueues, more: usize) -> bool {
-        // SAFETY: the lists are this barrier's, so their nodes are live waiters that the held lock
-        // guards, and by `Meeting`'s invariants lead to select states that need their commit lock,
-        // each to another one. These are live while their node is listed. So this thread enters
-        // each once, in their order, and leaves each once: with a guard only if it was open. A
-        // stale one is settled after it was taken off.
-        unsafe {
-            let mut open = 0;
-            let mut next = lists.receivers.first();
-            while let Some(node) = next {
-                next = lists.receivers.after(node);
-                let waiter = node.cast::<Waiter<()>>();
-                let Some((select_state, guard)) = Waiter::select_state(waiter) else {
-                    continue;
-                };
-                if SelectState::enter(select_state, guard) {
-                    open += 1;
-                } else {
-                    select_state.as_ref().leave(None);
-                    lists.receivers.remove(node);
-                    // An alternative's node holds no wake handle until it is chosen.
-                    Waiter::settle_stale(waiter);
-                }
-            }
-            let is_enough = self.state(lists, |round, _| {
-                round.offering = open;
-                round.arrived + open + more >= round.parties
-            });
-            let mut next = lists.receivers.first();
-            while let Some(node) = next {
-                next = lists.receivers.after(node);
-                let waiter = node.cast::<Waiter<()>>();
-                let Some((select_state, guard)) = Waiter::select_state(waiter) else {
-                    continue;
-                };
-                let wake_handle = select_state.as_ref().leave(is_enough.then_some(guard));
-                if is_enough {
-                    // From now on it waits for its release as all others.
-                    *(*Waiter::link(waiter)).wait.wake_handle_mut() = wake_handle;
-                    Waiter::leave_select_state(waiter);
-                }
-            }
-            is_enough
         }
     }
 
     /// Releases members of completed rounds, and unlocks: those of this executor under the lock, up
     /// to a bounded number, and another one without. `false`: there are no more. O(1).
     #[inline(always)]
-    fn release_some(&self, mut lists: impl Lists, here: Here<'_>) -> bool {
+    fn release_some(&self, mut locked: Locked<'_, Round, impl Lists>, here: Here<'_>) -> bool {
         let mut left = TOGETHER;
+        let released = locked.released();
         // SAFETY: the lock is held, so what is in the list is a live waiter that waits. It is
         // settled after it was taken off, and not touched then.
         unsafe {
             while left > 0
-                && let Some(first) = lists.held.first()
+                && let Some(first) = released.first()
                 && Waiter::wake_here(first.cast::<Waiter<()>>(), here)
             {
-                lists.held.remove_first(first);
+                released.remove_first(first);
                 Waiter::settle_plain(first.cast::<Waiter<()>>());
                 left -= 1;
             }
         }
-        let Some(node) = lists.held.pop() else {
+        let Some(node) = released.pop() else {
             return false;
         };
         // SAFETY: it was in the list, so it is a live waiter, and the lock is held.
         let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
-        drop(lists);
+        drop(locked);
         self.wake(ready);
         true
     }
@@ -359,5 +256,103 @@ impl Meeting {
     fn release(&self) {
         let here = Here::now();
         while self.release_some(self.lock_in(here), here) {}
+    }
+}
+
+/// The parties that wait are in the lists of any wait point, under other names.
+impl<L: Lists> Locked<'_, Round, L> {
+    /// Those that have come in this round, by priority.
+    #[inline(always)]
+    fn arrived(&mut self) -> &mut WaitList {
+        &mut self.senders
+    }
+
+    /// The alternatives that offer the barrier, by the addresses of their select states.
+    #[inline(always)]
+    fn offering(&mut self) -> &mut WaitList {
+        &mut self.receivers
+    }
+
+    /// The members of completed rounds, which are to be woken.
+    #[inline(always)]
+    fn released(&mut self) -> &mut WaitList {
+        &mut self.held
+    }
+
+    /// Whether another party than the one that comes now is missing.
+    #[inline(always)]
+    fn is_missing_more(&mut self) -> bool {
+        let round = self.state();
+        round.arrived + round.offering + 1 < round.parties
+    }
+
+    /// Completes the round if enough have come together with `more` unlisted parties. The waiting
+    /// parties are then to be [released](Meeting::release), without the lock. O(parties that are
+    /// alternatives).
+    #[inline]
+    fn complete_with(&mut self, more: usize) -> bool {
+        let none_waits = self.arrived().is_empty() && self.offering().is_empty();
+        let round = self.state();
+        let come = round.arrived + round.offering + more;
+        if come < round.parties || (more == 0 && none_waits) {
+            return false;
+        }
+        if round.offering > 0 && !self.commit_offering(more) {
+            return false;
+        }
+        let round = self.state();
+        round.arrived = 0;
+        round.offering = 0;
+        round.number = round.number.wrapping_add(1);
+        let lists = &mut **self;
+        lists.held.append(&mut lists.senders);
+        lists.held.append(&mut lists.receivers);
+        true
+    }
+
+    /// Chooses the barrier in all alternatives that offer it, if they are enough together with the
+    /// parties that have come and `more`. Those that have chosen another guard go off the list.
+    #[inline(never)]
+    fn commit_offering(&mut self, more: usize) -> bool {
+        // SAFETY: the lock is held, so the nodes are live waiters, and by `Meeting`'s invariants
+        // lead to select states that need their commit lock, each to another one. These are live
+        // while their node is listed. So this thread enters each once, in their order, and leaves
+        // each once: with a guard only if it was open. A stale one is settled after it was taken
+        // off.
+        unsafe {
+            let mut open = 0;
+            let mut next = self.offering().first();
+            while let Some(node) = next {
+                next = self.offering().after(node);
+                let waiter = node.cast::<Waiter<()>>();
+                let Some((select_state, guard)) = Waiter::select_state(waiter) else {
+                    continue;
+                };
+                if SelectState::enter(select_state, guard) {
+                    open += 1;
+                } else {
+                    select_state.as_ref().leave(None);
+                    self.offering().remove(node);
+                    // An alternative's node holds no wake handle until it is chosen.
+                    Waiter::settle_stale(waiter);
+                }
+            }
+            let round = self.state();
+            round.offering = open;
+            let is_enough = round.arrived + open + more >= round.parties;
+            for node in self.offering().nodes() {
+                let waiter = node.cast::<Waiter<()>>();
+                let Some((select_state, guard)) = Waiter::select_state(waiter) else {
+                    continue;
+                };
+                let wake_handle = select_state.as_ref().leave(is_enough.then_some(guard));
+                if is_enough {
+                    // From now on it waits for its release as all others.
+                    *(*Waiter::link(waiter)).wait.wake_handle_mut() = wake_handle;
+                    Waiter::leave_select_state(waiter);
+                }
+            }
+            is_enough
+        }
     }
 }

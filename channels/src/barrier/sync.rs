@@ -1,7 +1,8 @@
 //! A party's coming to a barrier.
 
-use super::{Barrier, Meeting};
+use super::{Barrier, Meeting, Round};
 use crate::alternative::{Attempt, Guard, RawGuard, Terms, own_seed};
+use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::wait_point::{Lists, WaitQueues};
@@ -79,11 +80,10 @@ impl<'a> SyncOp<'a> {
     /// Comes: completes the round, or waits.
     #[inline(never)]
     fn come(&mut self, turn: Turn<'_>) -> Poll<()> {
-        let meeting = self.meeting();
         if let Some(plain) = turn.plain()
-            && let Some(lists) = meeting.enter_in(turn.here())
+            && let Some(locked) = self.meeting().enter_in(turn.here())
         {
-            return self.come_under(meeting, lists, plain, turn);
+            return self.come_under(locked, plain, turn);
         }
         self.come_otherwise(turn)
     }
@@ -98,21 +98,20 @@ impl<'a> SyncOp<'a> {
         }
         meeting.note_user();
         let handle = turn.wake_handle();
-        self.come_under(meeting, meeting.lock_in(here), (here, handle), turn)
+        self.come_under(meeting.lock_in(here), (here, handle), turn)
     }
 
     /// Comes under the lock of its barrier, in whichever way it is held.
     #[inline(always)]
     fn come_under(
         &mut self,
-        meeting: &Meeting,
-        mut lists: impl Lists,
+        mut locked: Locked<'_, Round, impl Lists>,
         waits: impl Waits,
         turn: Turn<'_>,
     ) -> Poll<()> {
-        match meeting.is_missing_more(&mut lists) {
-            true => self.wait(meeting, lists, waits),
-            false => self.come_last(meeting, lists, waits, turn),
+        match locked.is_missing_more() {
+            true => self.wait(locked, waits),
+            false => self.come_last(locked, waits, turn),
         }
     }
 
@@ -121,36 +120,34 @@ impl<'a> SyncOp<'a> {
     #[inline(never)]
     fn come_last(
         &mut self,
-        meeting: &Meeting,
-        mut lists: impl Lists,
+        mut locked: Locked<'_, Round, impl Lists>,
         waits: impl Waits,
         turn: Turn<'_>,
     ) -> Poll<()> {
-        if !meeting.complete_with(&mut lists, 1) {
-            return self.wait(meeting, lists, waits);
+        if !locked.complete_with(1) {
+            return self.wait(locked, waits);
         }
         self.phase = Phase::Over;
-        if meeting.release_some(lists, turn.here()) {
-            meeting.release();
+        if self.meeting().release_some(locked, turn.here()) {
+            self.meeting().release();
         }
         self.let_others_run(turn)
     }
 
     #[inline(always)]
-    fn wait(&mut self, meeting: &Meeting, mut lists: impl Lists, waits: impl Waits) -> Poll<()> {
-        let number = meeting.state(&mut lists, |round, _| {
-            round.arrived += 1;
-            round.number
-        });
-        // SAFETY: the lists are the barrier's, and the lock is held. A new node is in none of them,
-        // is pinned, as its callers are, and its drop takes it off.
+    fn wait(&mut self, mut locked: Locked<'_, Round, impl Lists>, waits: impl Waits) -> Poll<()> {
+        let round = locked.state();
+        round.arrived += 1;
+        let number = round.number;
+        // SAFETY: the lock is held. A new node is in no list, is pinned, as its callers are, and
+        // its drop takes it off.
         unsafe {
             Waiter::begin_for(self.node(), waits, number);
-            lists.senders.insert_again(self.node().cast());
+            locked.arrived().insert_again(self.node().cast());
         }
         self.phase = Phase::Listed;
-        drop(lists);
-        meeting.waits();
+        drop(locked);
+        self.meeting().waits();
         Poll::Pending
     }
 
@@ -160,19 +157,19 @@ impl<'a> SyncOp<'a> {
         let meeting = self.meeting();
         let mut renewal = Renewal::of(cx);
         let polled = renewal.put(|renewal| {
-            let mut lists = meeting.lock();
-            // SAFETY: the lists are the barrier's. Under the lock a listed node may be changed, and
-            // the round's number determines its list.
+            let mut locked = meeting.lock();
+            // SAFETY: under the lock a listed node may be changed, and the round's number
+            // determines its list.
             unsafe {
                 let node = Waiter::link(self.node());
                 if self.outcome() == Outcome::Done {
                     return Poll::Ready(None);
                 }
-                if meeting.state(&mut lists, |round, _| round.number) == (*node).ticket {
+                if locked.state().number == (*node).ticket {
                     renewal.store((*node).wait.wake_handle_mut());
                     return Poll::Pending;
                 }
-                lists.held.remove(self.node().cast());
+                locked.released().remove(self.node().cast());
                 (*node)
                     .outcome
                     .store(Outcome::Done as u8, Ordering::Relaxed);
@@ -251,10 +248,9 @@ impl<'a> SyncOp<'a> {
             Phase::Completed | Phase::GaveWay | Phase::Over => return true,
         }
         self.meeting().waits_no_more();
-        let mut lists = self.meeting().lock();
-        // SAFETY: the lists are the barrier's, and the node was listed and is this future's. Under
-        // the lock one that is not settled is in a list, which the round's number and its select
-        // state determine.
+        let mut locked = self.meeting().lock();
+        // SAFETY: the node was listed and is this future's. Under the lock one that is not settled
+        // is in a list, which the round's number and its select state determine.
         unsafe {
             match self.outcome() {
                 Outcome::Done => return true,
@@ -262,17 +258,15 @@ impl<'a> SyncOp<'a> {
                 _ => {}
             }
             let node = Waiter::link(self.node());
-            let meeting = self.meeting();
-            let number = meeting.state(&mut lists, |round, _| round.number);
-            let is_complete = number != (*node).ticket;
+            let is_complete = locked.state().number != (*node).ticket;
             if is_complete {
-                lists.held.remove(self.node().cast());
+                locked.released().remove(self.node().cast());
             } else if Waiter::select_state(self.node()).is_some() {
-                lists.receivers.remove(self.node().cast());
-                meeting.state(&mut lists, |round, _| round.offering -= 1);
+                locked.offering().remove(self.node().cast());
+                locked.state().offering -= 1;
             } else {
-                lists.senders.remove(self.node().cast());
-                meeting.state(&mut lists, |round, _| round.arrived -= 1);
+                locked.arrived().remove(self.node().cast());
+                locked.state().arrived -= 1;
             }
             let outcome = if is_complete {
                 Outcome::Done
@@ -281,7 +275,7 @@ impl<'a> SyncOp<'a> {
             };
             (*node).outcome.store(outcome as u8, Ordering::Relaxed);
             let former = (*node).wait.wake_handle_mut().take();
-            drop(lists);
+            drop(locked);
             // Dropping a waker can run anything, so at the end.
             drop(former);
             is_complete
@@ -325,7 +319,7 @@ unsafe impl RawGuard for SyncOp<'_> {
             return Attempt::NotReady;
         };
         this.meeting().note_user();
-        if this.meeting().complete_with(lists, 1) {
+        if this.meeting().locked(lists).complete_with(1) {
             this.phase = Phase::Completed;
             Attempt::Ready(PendingWake::NONE)
         } else {
@@ -340,13 +334,13 @@ unsafe impl RawGuard for SyncOp<'_> {
         guard: u32,
     ) {
         let this = self.in_place();
-        // SAFETY: the lists are those of the guard's wait point, as is demanded here: this
-        // barrier's. All nodes of its alternatives lead to select states, live while they are
-        // listed, as this one will be. The new node is in none of the lists, and is taken off
-        // before it goes.
+        let mut locked = this.meeting().locked(lists);
+        // SAFETY: the lock is held. All nodes of its alternatives lead to select states, live while
+        // they are listed, as this one will be. The new node is in none of the lists, and is taken
+        // off before it goes.
         unsafe {
             let mut before = None;
-            let mut next = lists.receivers.first();
+            let mut next = locked.offering().first();
             while let Some(other) = next {
                 let of_other = Waiter::<()>::select_state(other.cast());
                 let Some((of_other, _)) = of_other else {
@@ -361,15 +355,14 @@ unsafe impl RawGuard for SyncOp<'_> {
                     break;
                 }
                 before = next;
-                next = lists.receivers.after(other);
+                next = locked.offering().after(other);
             }
             Waiter::begin(this.node(), false, Some((select_state, guard)), None);
-            (*Waiter::link(this.node())).ticket = this.meeting().state(lists, |round, _| {
-                round.offering += 1;
-                round.number
-            });
-            lists
-                .receivers
+            let round = locked.state();
+            round.offering += 1;
+            (*Waiter::link(this.node())).ticket = round.number;
+            locked
+                .offering()
                 .insert_after(before, this.node().cast(), current::priority(), None);
         }
         this.phase = Phase::Listed;

@@ -1,24 +1,24 @@
 //! Hand-off between two operations that are awake at the same time, on different threads: see
 //! [`hand_off_slots`](crate::hand_off_slots).
 
-use super::{Channel, ChannelGuard, Locked};
+use super::{Channel, Locked};
 use crate::hand_off_slots::{Side, has_room};
 use crate::wait_point::{LastUser, user_number};
 use crate::waiter::{Outcome, Waiter};
 use core::ptr::NonNull;
 use core::task::Context;
-use luna_core::current::{self, Renewal};
+use luna_core::current::Renewal;
 use luna_core::events;
 use luna_core::spin;
 
 /// Result of an operation at the hand-off slots.
-pub(crate) enum HandOff<'a, T> {
+pub(crate) enum HandOff {
     /// It is done. There is no process to wake.
     Done,
     /// It waits on its hand-off slot, and is to [look](Channel::look_from_slot).
     Waits,
-    /// Nothing has happened. The lock is held, and no operation waits on a hand-off slot.
-    No(Locked<'a, T>),
+    /// Nothing has happened, and no operation waits on a hand-off slot.
+    No,
 }
 
 /// Ends the program if it is dropped.
@@ -30,29 +30,31 @@ impl Drop for AbortOnDrop {
     }
 }
 
-impl<T> Channel<T> {
-    /// Meets the partner that waits on a hand-off slot, or waits on one. O(1).
+impl<T> Locked<'_, T> {
+    /// Meets the partner that waits on a hand-off slot, or waits on one; or lists what waits on
+    /// them. O(1).
     ///
     /// # Safety
     ///
     /// `node` is a plain operation's and not listed. No other thread accesses it. A send's holds
     /// its value, a receive's none. It stays where it is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn meet_by_slot(
-        &self,
+    pub(crate) unsafe fn meet_at_slot(
+        &mut self,
         is_sender: bool,
         node: NonNull<Waiter<T>>,
-    ) -> HandOff<'_, T> {
+    ) -> HandOff {
         let (own, other) = (Side::of(is_sender), Side::of(!is_sender));
-        let slots = &self.wait_point.hand_off_slots;
-        let mut lists = self.wait_point.lock();
+        let wait_point = &self.channel.wait_point;
+        let slots = &wait_point.hand_off_slots;
+        let lists = &mut *self.lists;
         // For a receive, values given back by dropped receives come first.
         if lists.may_use_hand_off_slots() && (is_sender || !lists.is_storing) {
             if slots.is_waiting(other)
                 && let Some(partner) = lists.hand_off.get(other)
             {
-                lists.note_user(is_sender, LastUser::of(current::user()));
-                self.wait_point.report(|| {
+                lists.note_user(is_sender, LastUser::of(self.here.user()));
+                wait_point.report(|| {
                     // SAFETY: a node on a slot is live, and the lock is held.
                     let partner = unsafe { user_number(partner) };
                     let users = [events::current_process(), partner];
@@ -66,18 +68,20 @@ impl<T> Channel<T> {
                 // receiver's node holds no value, and its future looks at the slot alone. A waiting
                 // sender's value lies in the slot if that has room, else in its node. The lock is
                 // held.
-                unsafe { self.move_by_slot(is_sender, node, partner.cast()) };
+                unsafe {
+                    self.channel.move_by_slot(is_sender, node, partner.cast());
+                };
                 slots.settle(other);
                 return HandOff::Done;
             }
             if slots.is_free(own) && spin::may_look() {
-                lists.note_user(is_sender, LastUser::of(current::user()));
+                lists.note_user(is_sender, LastUser::of(self.here.user()));
                 // SAFETY: the new node is in no list and only its future knows it; it stays until
                 // it is settled or withdrawn. The slot is free and the lock is held, so this thread
                 // may put a value there: a bitwise copy of a sender's. One of the two is used: the
                 // slot's if it is met there, the node's once that is listed.
                 unsafe {
-                    Waiter::begin_in_slot(node);
+                    Waiter::begin_as(node, (self.here, None), false, None, None);
                     lists.hand_off.note(own, node.cast());
                     if is_sender && has_room::<T>() {
                         slots.put(own, Waiter::take_value_of(node));
@@ -87,13 +91,12 @@ impl<T> Channel<T> {
                 return HandOff::Waits;
             }
         }
-        self.wait_point.clear_slots(&mut lists);
-        HandOff::No(ChannelGuard {
-            channel: self,
-            lists,
-        })
+        self.list_from_slots();
+        HandOff::No
     }
+}
 
+impl<T> Channel<T> {
     /// Moves the value between an operation and its partner on a hand-off slot.
     ///
     /// # Safety

@@ -19,15 +19,14 @@
 //! guard, the node is taken off the list and passed over: each such node costs one step, once.
 
 mod ending;
-mod fast_buffer;
-mod fast_path;
 mod hand_off;
 mod locked;
+mod prologue;
 mod registered;
 
-pub(crate) use fast_path::{FastPath, Meet, part_alone, part_queued, wake_partner};
 pub(crate) use hand_off::HandOff;
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
+pub(crate) use prologue::{FastPath, Meet, part_alone, part_queued, wake_partner};
 
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
@@ -39,9 +38,10 @@ use crate::waiter::{Outcome, Waiter};
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
 use core::mem::offset_of;
+use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
-use luna_core::current::{self, Renewal, WakeHandle};
+use luna_core::current::{self, Here, Renewal, WakeHandle};
 use luna_core::deferred_free::Retired;
 use luna_core::spin;
 use luna_platform::sync::UnsafeCell;
@@ -168,25 +168,41 @@ impl<T> Channel<T> {
 
     #[inline]
     pub(crate) fn lock(&self) -> Locked<'_, T> {
+        self.lock_in(Here::now())
+    }
+
+    #[inline]
+    pub(crate) fn lock_in<'a>(&'a self, here: Here<'a>) -> Locked<'a, T> {
+        let mut locked = self.lock_beside_slots(here);
+        locked.list_from_slots();
+        locked
+    }
+
+    /// Locks. An operation that waits on a hand-off slot is not in the lists.
+    #[inline]
+    pub(crate) fn lock_beside_slots<'a>(&'a self, here: Here<'a>) -> Locked<'a, T> {
         ChannelGuard {
             channel: self,
-            lists: self.wait_point.lock_lists(),
+            lists: self.wait_point.lock_from(here),
+            here,
         }
     }
 
-    /// The channel guard over `lists`.
+    /// The channel guard over `lists`, on the calling thread.
     ///
     /// # Safety
     ///
     /// `lists` are those of this channel.
     #[inline]
-    pub(crate) unsafe fn guard_of<'a>(
+    pub(crate) unsafe fn guard_of<'a, L: DerefMut<Target = WaitQueues>>(
         &'a self,
-        lists: &'a mut WaitQueues,
-    ) -> ChannelGuard<'a, T, &'a mut WaitQueues> {
+        lists: L,
+        here: Here<'a>,
+    ) -> ChannelGuard<'a, T, L> {
         ChannelGuard {
             channel: self,
             lists,
+            here,
         }
     }
 

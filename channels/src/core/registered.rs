@@ -1,11 +1,10 @@
 //! Fast path of a registered alternative and its senders: the steps of
-//! [`fast_path`](super::fast_path), with an [`Alternative`](crate::Alternative) on the receiving
+//! [`prologue`](super::prologue), with an [`Alternative`](crate::Alternative) on the receiving
 //! side.
 
-use super::fast_path::{depart, give_revoked, guard_refuses, not_committed, wait_alone};
+use super::prologue::{depart, go_on_inside, wait_alone};
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
-use crate::select_state::SelectState;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use core::ptr::NonNull;
@@ -33,28 +32,17 @@ impl<T> Channel<T> {
             let wait_point = channel.as_ref();
             let lists = wait_point.kept(turn);
             let Some(node) = lists.registered.first() else {
-                return FastPath::No;
+                return go_on_inside(lists);
             };
             let select_state = Entry::<T>::select_state(node.cast());
-            let commit_lock = match select_state.enter_commit_lock(turn) {
-                Ok(commit_lock) => commit_lock,
-                Err(refused) => return guard_refuses(lists, select_state, refused),
+            let committed = match select_state.commit_lock_if_biased(turn) {
+                Some(_commit_lock) => Entry::<T>::commit_or_announce(node.cast()),
+                None => None,
             };
-            let Some(committed) = Entry::<T>::commit_or_announce(node.cast()) else {
-                return not_committed(lists, select_state, commit_lock);
-            };
-            let is_biased = commit_lock.leave();
             match committed {
-                None if !is_biased => {
-                    lists.keep();
-                    wait_revoked(wait_point, select_state, sender, turn)
-                }
-                None => wait_alone::<true>(wait_point, lists, sender, turn),
-                Some(ready) if !is_biased => {
-                    lists.keep();
-                    give_revoked::<true>(wait_point, sender, turn, node, ready)
-                }
-                Some(ready) => {
+                None => go_on_inside(lists),
+                Some(None) => wait_alone::<true>(wait_point, lists, sender, turn),
+                Some(Some(ready)) => {
                     let value = Waiter::<T>::take_value_of(sender.cast());
                     Waiter::<T>::put_value_of(node.cast(), value);
                     depart::<true>(wait_point, lists, (node, ready), turn)
@@ -99,26 +87,6 @@ impl<T> Channel<T> {
         note(lists.senders.is_empty());
         Some(taken)
     }
-}
-
-/// Lets a sender wait alone, after the bias of the alternative's commit lock was revoked.
-///
-/// # Safety
-///
-/// `sender` is as for [`wait_alone`]: new, and with its value. The lock of the wait point, where
-/// nothing waits, was kept.
-#[cold]
-#[inline(never)]
-unsafe fn wait_revoked(
-    wait_point: &WaitPoint,
-    select_state: &SelectState,
-    sender: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    select_state.after_revocation();
-    // SAFETY: the lock was kept, and is taken back once; the sender is new, and nothing waits
-    // there, as `wait_alone` demands.
-    unsafe { wait_alone::<true>(wait_point, wait_point.kept(turn), sender, turn) }
 }
 
 /// Takes the value of a sender that was taken off. The caller wakes it when the lock is released.

@@ -1,12 +1,13 @@
 //! Passes a priority on: from the first waiter to the holder of a mutex, and from there to the
 //! holder of the mutex that this one waits for.
 
-use super::core::Core;
+use super::core::{Core, State};
 use super::entry::Entry;
-use crate::wait_point::WaitQueues;
+use crate::guarded_wait_point::Locked;
+use crate::wait_point::Lists;
 use arrayvec::ArrayVec;
 use core::ptr::NonNull;
-use luna_core::current::{Inheritor, Priority};
+use luna_core::current::Inheritor;
 
 /// How many holders a chain is followed along.
 pub(super) const HOLDERS: usize = 8;
@@ -66,49 +67,56 @@ pub(super) fn follow(changed: Option<Changed>) {
 impl Core {
     /// Moves `entry`, if it still waits here, to where its process' priority belongs now. Returns
     /// the holder, if its boost changes by that. O(waiters).
-    pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
-        let mut lists = self.lock();
-        if !lists.senders.nodes().any(|node| Entry::of(node) == entry) {
+    fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
+        let mut locked = self.lock();
+        if !locked
+            .waiting()
+            .nodes()
+            .any(|node| Entry::of(node) == entry)
+        {
             return None;
         }
-        // SAFETY: its node is in the list, and the lock is held.
-        unsafe { self.requeue(&mut lists, entry) };
-        self.boost_holder(&mut lists)
-            .map(|changed| changed.inheritor)
+        // SAFETY: its node is in the list.
+        unsafe { locked.requeue(entry) };
+        locked.boost_holder().map(|changed| changed.inheritor)
     }
+}
 
+impl<L: Lists> Locked<'_, State, L> {
     /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
     /// O(waiters of lower priority).
     ///
     /// # Safety
     ///
-    /// `entry` is in the list of senders of `lists`, which are this mutex's.
-    pub(super) unsafe fn requeue(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) {
+    /// `entry` is in the list of waiters.
+    pub(super) unsafe fn requeue(&mut self, entry: NonNull<Entry>) {
         let node = Entry::node(entry);
-        // SAFETY: the entry is in this list, as is demanded here, and the lists show that the lock
-        // is held: so it is live, and may be changed. Taken off it is in no list, and is listed
-        // again at once.
+        // SAFETY: the entry is in this list, as is demanded here, and the lock is held: so it is
+        // live, and may be changed. Taken off it is in no list, and is listed again at once.
         unsafe {
             let priority = Entry::priority(entry);
             if priority != node.as_ref().priority() {
-                lists.senders.remove(node);
-                lists.senders.insert_again_at(node, priority);
+                self.waiting().remove(node);
+                self.waiting().insert_again_at(node, priority);
             }
         }
     }
 
     /// Boosts the holder to the priority of the first other waiter. O(1), and O(waiters before that
     /// are branches of the holder itself).
-    pub(super) fn boost_holder(&self, lists: &mut WaitQueues) -> Option<Changed> {
-        self.state(lists, |state, lists| {
-            let inheritor = state.inheritor.as_mut()?;
-            // As a whole: the waiter may be another branch of the same process. The process does
-            // not inherit its own priority, since it may be an inherited one.
-            let change = inheritor.boost_whole(first_other(lists, inheritor));
-            change.is_ne().then(|| Changed {
-                inheritor: inheritor.copy(),
-                is_more: change.is_gt(),
-            })
+    pub(super) fn boost_holder(&mut self) -> Option<Changed> {
+        let (state, lists) = self.parts();
+        let inheritor = state.inheritor.as_mut()?;
+        // SAFETY: a listed node is live, and an entry's; the lock is held.
+        let first_other = lists.senders.nodes().find_map(|node| unsafe {
+            (!Entry::is_of(Entry::of(node), inheritor)).then(|| node.as_ref().priority())
+        });
+        // As a whole: the waiter may be another branch of the same process. The process does not
+        // inherit its own priority, since it may be an inherited one.
+        let change = inheritor.boost_whole(first_other.unwrap_or_default());
+        change.is_ne().then(|| Changed {
+            inheritor: inheritor.copy(),
+            is_more: change.is_gt(),
         })
     }
 }
@@ -121,15 +129,4 @@ pub(super) fn end_boost(former: Option<Inheritor>) {
         let is_more = false;
         follow(Some(Changed { inheritor, is_more }));
     }
-}
-
-/// The priority of the first waiter that is not the holder itself.
-fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
-    let mut waiters = lists.senders.nodes();
-    // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
-    let priority = unsafe {
-        let other = waiters.find(|&node| !Entry::is_of(Entry::of(node), holder));
-        other.map(|node| node.as_ref().priority())
-    };
-    priority.unwrap_or_default()
 }

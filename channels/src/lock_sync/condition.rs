@@ -5,15 +5,13 @@ use super::error::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
-use crate::guarded_wait_point::GuardedWaitPoint;
+use crate::guarded_wait_point::{GuardedWaitPoint, Locked};
 use crate::inspect::WaitPointKind;
-use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
-use core::ptr::NonNull;
+use crate::wait_point::{LastUser, Lists, WaitQueues};
 use core::time::Duration;
-use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{self, User};
 use luna_core::deferred_free::Shared;
-use luna_core::wait_list::WaitNode;
+use luna_core::wait_list::WaitList;
 use luna_platform::clock::Instant;
 
 /// Holders of a [`Mutex`](super::Mutex) that cannot go on yet wait here, until another process has
@@ -49,12 +47,27 @@ use luna_platform::clock::Instant;
 ///
 /// # Invariants
 ///
-/// A waiting entry is in the wait point's list of senders, and has the number `tickets`; or it was
-/// notified together with all others, has an earlier number, and is in the list `held` until it is
-/// moved on. All nodes are entries that were begun.
+/// A waiting entry is in the list of the [waiting](Locked::waits), and has the present number; or
+/// it was notified together with all others, has an earlier number, and is in the list of the
+/// [notified](Locked::notified) until it is moved on. All nodes are entries that were begun.
 #[derive(Clone)]
 pub struct Condvar {
-    shared: Shared<GuardedWaitPoint<()>>,
+    shared: Shared<GuardedWaitPoint<Notified>>,
+}
+
+/// How often all were notified. Guarded by the condition's lock.
+pub(super) struct Notified(pub(super) u32);
+
+impl<L: Lists> Locked<'_, Notified, L> {
+    /// Those that wait, by priority: under this name in the lists of any wait point.
+    pub(super) fn waits(&mut self) -> &mut WaitList {
+        &mut self.senders
+    }
+
+    /// Those that were notified together, and are to be moved on.
+    pub(super) fn notified(&mut self) -> &mut WaitList {
+        &mut self.held
+    }
 }
 
 impl core::panic::UnwindSafe for Condvar {}
@@ -69,11 +82,11 @@ impl Condvar {
     )]
     pub fn new() -> Condvar {
         Condvar {
-            shared: GuardedWaitPoint::share(WaitPointKind::Condition, ()),
+            shared: GuardedWaitPoint::share(WaitPointKind::Condition, Notified(0)),
         }
     }
 
-    pub(super) fn wait_point(&self) -> &WaitPoint {
+    pub(super) fn wait_point(&self) -> &GuardedWaitPoint<Notified> {
         &self.shared
     }
 
@@ -214,11 +227,9 @@ impl Condvar {
     /// mutex), a system call if the mutex is free and the thread of the notified waiter sleeps, or
     /// if the priority of a thread changes.
     pub fn notify_one(&self) {
-        let mut lists = self.wait_point().lock();
-        self.note_notifier(&mut lists);
-        let first = lists.senders.pop();
-        // SAFETY: it was just taken off this condition's list, and the lock is held.
-        unsafe { move_on(lists, first, Cause::NotifiedAlone) };
+        let mut locked = self.wait_point().lock();
+        self.note_notifier(&mut locked);
+        self.move_first(locked, Cause::NotifiedAlone);
     }
 
     /// Lets all present waiters go on, each as soon as it holds its mutex.
@@ -227,26 +238,54 @@ impl Condvar {
     /// [`notify_one`](Self::notify_one), in a critical section of its own. The most urgent are
     /// moved on first.
     pub fn notify_all(&self) {
-        let mut guard = self.wait_point().lock();
-        self.note_notifier(&mut guard);
-        let lists = &mut *guard;
+        let mut locked = self.wait_point().lock();
+        self.note_notifier(&mut locked);
+        let number = locked.state();
+        number.0 = number.0.wrapping_add(1);
+        let lists = &mut *locked;
         lists.held.append(&mut lists.senders);
-        lists.tickets = lists.tickets.wrapping_add(1);
-        drop(guard);
+        drop(locked);
         self.release();
     }
 
     /// Moves on the waiters that were notified together.
     fn release(&self) {
-        let mut lists = self.wait_point().lock();
-        while let Some(first) = lists.held.pop() {
+        loop {
             // A wake may panic: the remaining wakes must still be done.
             let rest = Finally::new(|| self.release());
-            // SAFETY: it was just taken off this condition's list `held`, and the lock is held.
-            unsafe { move_on(lists, Some(first), Cause::NotifiedWithAll) };
+            let locked = self.wait_point().lock();
+            let is_over = !self.move_first(locked, Cause::NotifiedWithAll);
             rest.cancel();
-            lists = self.wait_point().lock();
+            if is_over {
+                return;
+            }
         }
+    }
+
+    /// Moves the first of those that wait, or were notified together, to its mutex, for this cause.
+    /// `false`: there is none.
+    fn move_first(&self, mut locked: Locked<'_, Notified, impl Lists>, cause: Cause) -> bool {
+        let list = match cause {
+            Cause::NotifiedWithAll => locked.notified(),
+            _ => locked.waits(),
+        };
+        let Some(entry) = list.pop().map(Entry::of) else {
+            return false;
+        };
+        // SAFETY: the entry was just taken off the condition's list: its future cannot go without
+        // the condition's lock before it is settled, and keeps its mutex. After that it may, so
+        // that the reference keeps the mutex while its lock is held here.
+        let (core, admitted) = unsafe {
+            (*entry.as_ptr()).cause = cause;
+            let core = (*entry.as_ptr()).core.clone();
+            let admitted = core.admit(entry);
+            (core, admitted)
+        };
+        drop(locked);
+        admitted.carry_out();
+        // Not under the condition's lock: it may be the last, and then its drop takes other locks.
+        drop(core);
+        true
     }
 
     fn note_notifier(&self, lists: &mut WaitQueues) {
@@ -277,34 +316,6 @@ impl Condvar {
         self.wait_point().identity.set_name(name);
         self
     }
-}
-
-/// Moves a waiter, if there is one, to its mutex.
-///
-/// # Safety
-///
-/// `node` was just taken off a condition's list, and `lists` are the condition's.
-unsafe fn move_on(
-    lists: BiasedGuard<'_, WaitQueues>,
-    node: Option<NonNull<WaitNode>>,
-    cause: Cause,
-) {
-    let Some(entry) = node.map(Entry::of) else {
-        return;
-    };
-    // SAFETY: the entry was just taken off the condition's list, as is demanded here: its future
-    // cannot go without the condition's lock before it is settled, and keeps its mutex. After that
-    // it may, so that the reference keeps the mutex while its lock is held here.
-    let (core, admitted) = unsafe {
-        (*entry.as_ptr()).cause = cause;
-        let core = (*entry.as_ptr()).core.clone();
-        let admitted = core.admit(entry);
-        (core, admitted)
-    };
-    drop(lists);
-    admitted.carry_out();
-    // Not under the condition's lock: it may be the last, and then its drop takes other locks.
-    drop(core);
 }
 
 luna_platform::debug_fields!(Condvar, |condvar| shared: &raw const *condvar.shared);

@@ -1,18 +1,14 @@
 //! What a mutex and a semaphore have in common: permits, waiters for them, and the holder of a
 //! mutex. A mutex has one permit.
 
-use super::chain;
-use super::entry::Entry;
 use super::take;
-use crate::guarded_wait_point::GuardedWaitPoint;
+use crate::guarded_wait_point::{GuardedWaitPoint, Locked};
 use crate::inspect::WaitPointKind;
 use crate::replay;
-use crate::wait_point::{LastUser, WaitQueues};
-use crate::waiter::{Outcome, Waiter};
-use core::ptr::NonNull;
-use core::task::{Context, Poll};
-use luna_core::current::{self, Here, Inheritor, Priority, Renewal, User, WakeHandle};
+use crate::wait_point::{LastUser, Lists};
+use luna_core::current::{self, Here, Inheritor, Priority, User};
 use luna_core::deferred_free::Shared;
+use luna_core::wait_list::WaitList;
 
 /// The free permits, and the holder's inheritor.
 pub(super) struct State {
@@ -25,9 +21,9 @@ pub(super) struct State {
 ///
 /// # Invariants
 ///
-/// Waiters are in the wait point's list of senders, and all its nodes are entries. If there is a
-/// waiter, there are fewer permits than it wants, so a mutex with a waiter is held. The last user
-/// as a receiver is the holder of a mutex, or the last to take permits of a semaphore.
+/// All nodes in the [list of waiters](Locked::waiting) are entries. If there is a waiter, there are
+/// fewer permits than it wants, so a mutex with a waiter is held. The last user as a receiver is
+/// the holder of a mutex, or the last to take permits of a semaphore.
 pub(super) type Core = GuardedWaitPoint<State>;
 
 impl Core {
@@ -64,8 +60,7 @@ impl Core {
 
     /// The number of free permits.
     pub(super) fn permits(&self) -> u64 {
-        let mut lists = self.lock();
-        self.state(&mut lists, |state, _| state.permits)
+        self.lock().state().permits
     }
 
     /// Takes permits for the caller, if they are free and no waiter is as urgent. `holder` gives the
@@ -77,34 +72,8 @@ impl Core {
         count: u32,
         holder: impl FnOnce() -> Option<Inheritor>,
     ) -> bool {
-        let mut lists = self.lock_in(here);
-        self.take_locked(&mut lists, here, count, || here.priority(), holder)
-    }
-
-    #[inline(always)]
-    pub(super) fn take_locked(
-        &self,
-        lists: &mut WaitQueues,
-        here: Here<'_>,
-        count: u32,
-        priority: impl FnOnce() -> Priority,
-        holder: impl FnOnce() -> Option<Inheritor>,
-    ) -> bool {
-        let first = lists.senders.first();
-        // SAFETY: a listed node is live, and the lock is held.
-        let is_first = first.is_none_or(|first| priority() > unsafe { first.as_ref() }.priority());
-        let is_taken = is_first
-            && self.state(lists, |state, _| {
-                let left = state.permits.checked_sub(u64::from(count));
-                state.permits = left.unwrap_or(state.permits);
-                left.is_some()
-            });
-        if is_taken {
-            let holder = holder();
-            self.state(lists, |state, _| state.inheritor = holder);
-            lists.receiver = LastUser::of(here.user());
-        }
-        is_taken
+        let priority = || here.priority();
+        self.lock_in(here).take(here, count, priority, holder)
     }
 
     /// Takes permits of a semaphore in a replay, where the recorded process got some. The process
@@ -112,10 +81,9 @@ impl Core {
     /// have to wait; so their number is not tested, and may be below 0 for a while.
     #[cold]
     pub(super) fn take_given(&self, count: u32) {
-        let mut lists = self.lock();
-        self.state(&mut lists, |state, _| {
-            state.permits = state.permits.wrapping_sub(u64::from(count));
-        });
+        let mut locked = self.lock();
+        let state = locked.state();
+        state.permits = state.permits.wrapping_sub(u64::from(count));
     }
 
     /// Takes permits, if that can be done at once.
@@ -143,109 +111,36 @@ impl Core {
         );
         taken.unwrap_or_default()
     }
+}
 
-    /// Takes permits for the caller, if they are free and no waiter is as urgent; else lists the
-    /// entry. The caller drops the renewal when it has noted which.
-    ///
-    /// # Safety
-    ///
-    /// `entry` is the caller's, pinned and not begun. If it is pending, it is taken
-    /// back by [`withdraw`](Self::withdraw) or has become `Done` before it goes, and then ended.
-    pub(super) unsafe fn take_or_list(
-        this: &Shared<Core>,
-        entry: NonNull<Entry>,
+impl<L: Lists> Locked<'_, State, L> {
+    /// Those that wait for permits, by priority: under this name in the lists of any wait point.
+    #[inline(always)]
+    pub(super) fn waiting(&mut self) -> &mut WaitList {
+        &mut self.senders
+    }
+
+    /// Takes permits for the caller, if they are free and no waiter is as urgent. `holder` gives
+    /// the inheritor of the holder then.
+    #[inline(always)]
+    pub(super) fn take(
+        &mut self,
         here: Here<'_>,
         count: u32,
-        (priority, mut inheritor): (Priority, Option<Inheritor>),
-        renewal: &mut Renewal<'_, '_>,
-    ) -> Poll<()> {
-        let mut changed = None;
-        let listed = renewal.put(|renewal| {
-            let mut lists = this.lock_in(here);
-            let at = || priority;
-            if this.take_locked(&mut lists, here, count, at, || inheritor.take()) {
-                return Poll::Ready(());
-            }
-            let Some(wake_handle) = renewal.take() else {
-                return Poll::Pending;
-            };
-            // SAFETY: the entry is the caller's, pinned and not begun, and is taken back or done,
-            // and then ended, before it goes, as is demanded here. Listed with its process before
-            // the priority is read again, and in the list of this wait point's lock.
-            changed = unsafe {
-                Entry::begin(entry, this, count, inheritor.take());
-                let node = Entry::node(entry);
-                lists.senders.insert(node, priority, wake_handle);
-                this.requeue(&mut lists, entry);
-                this.boost_holder(&mut lists)
-            };
-            Poll::Pending
-        });
-        if listed.is_ready() {
-            return Poll::Ready(());
-        }
-        chain::follow(changed);
-        this.waits();
-        Poll::Pending
-    }
-
-    /// Whether a listed entry was given its permits; otherwise the poller's waker from `cx` is
-    /// woken then.
-    ///
-    /// # Safety
-    ///
-    /// `entry` is the caller's, and was listed here.
-    pub(super) unsafe fn poll_listed(&self, entry: NonNull<Entry>, cx: &Context<'_>) -> Poll<()> {
-        // SAFETY: the entry is the caller's and was listed here, as is demanded here: so it is live
-        // and was begun. Under the lock a waiting node may be changed.
-        unsafe {
-            if Entry::outcome(entry) == Outcome::Done {
-                return Poll::Ready(());
-            }
-            let mut renewal = Renewal::of(cx);
-            let polled = renewal.put(|renewal| {
-                let _lists = self.lock();
-                if Entry::outcome(entry) == Outcome::Done {
-                    return Poll::Ready(());
-                }
-                renewal.store((*Entry::link(entry)).wait.wake_handle_mut());
-                Poll::Pending
-            });
-            if polled.is_pending() {
-                self.waits();
-            }
-            polled
-        }
-    }
-
-    /// Takes a listed entry back, unless it was given its permits: `true`. Its wake handle is to
-    /// be dropped when the entry was ended.
-    ///
-    /// # Safety
-    ///
-    /// As for [`poll_listed`](Self::poll_listed): `entry` is the caller's, and was listed here.
-    #[must_use = "the handle's drop is user code, and the caller's last step"]
-    pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> (bool, Option<WakeHandle>) {
-        self.waits_no_more();
-        let mut lists = self.lock();
-        // SAFETY: the entry is the caller's and was listed here, as is demanded here: so it is live
-        // and was begun. Under the lock one that is not done is in the list of senders, and is
-        // settled after it was taken off.
-        let (changed, former) = unsafe {
-            if Entry::outcome(entry) == Outcome::Done {
-                return (true, None);
-            }
-            lists.senders.remove(Entry::node(entry));
-            let former = (*Entry::link(entry)).wait.wake_handle_mut().take();
-            Waiter::settle_stale(Entry::waiter(entry));
-            (self.boost_holder(&mut lists), former)
+        priority: impl FnOnce() -> Priority,
+        holder: impl FnOnce() -> Option<Inheritor>,
+    ) -> bool {
+        let first = self.waiting().first();
+        // SAFETY: a listed node is live, and the lock is held.
+        let is_first = first.is_none_or(|first| priority() > unsafe { first.as_ref() }.priority());
+        let state = self.state();
+        let left = state.permits.checked_sub(u64::from(count));
+        let Some(left) = left.filter(|_| is_first) else {
+            return false;
         };
-        drop(lists);
-        chain::follow(changed);
-        if !self.has_owner() {
-            // Waiters behind it may want fewer permits.
-            self.serve();
-        }
-        (false, former)
+        state.permits = left;
+        state.inheritor = holder();
+        self.receiver = LastUser::of(here.user());
+        true
     }
 }

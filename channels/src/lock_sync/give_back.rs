@@ -1,10 +1,11 @@
 //! Giving permits back: the waiters get them, by priority.
 
 use super::chain::{self, Changed};
-use super::core::Core;
+use super::core::{Core, State};
 use super::entry::Entry;
 use crate::finally::Finally;
-use crate::wait_point::{LastUser, Lists, WaitQueues};
+use crate::guarded_wait_point::Locked;
+use crate::wait_point::{LastUser, Lists};
 use crate::waiter::{Outcome, Waiter};
 use core::ptr::NonNull;
 use luna_core::current::{Here, Inheritor, PendingWake};
@@ -38,32 +39,36 @@ impl Core {
     pub(super) fn give_back(&self, count: u32) {
         let here = Here::now();
         match self.enter_in(here) {
-            Some(lists) => self.give_back_under(lists, here, count),
+            Some(locked) => self.give_back_under(locked, here, count),
             None => self.give_back_under(self.lock_in(here), here, count),
         }
     }
 
     /// As [`give_back`](Self::give_back), under the lock, in whichever way it is held.
     #[inline(always)]
-    fn give_back_under(&self, mut lists: impl Lists, here: Here<'_>, count: u32) {
+    fn give_back_under(
+        &self,
+        mut locked: Locked<'_, State, impl Lists>,
+        here: Here<'_>,
+        count: u32,
+    ) {
         if self.has_owner() {
-            lists.receiver = LastUser::NONE;
+            locked.receiver = LastUser::NONE;
         }
-        let former = self.state(&mut lists, |state, _| {
-            // From below 0, maybe, in a replay.
-            state.permits = state.permits.wrapping_add(u64::from(count));
-            Inheritor::end(&mut state.inheritor, here)
-        });
-        if former.is_some() || !lists.senders.is_empty() {
-            self.serve_all(lists, former);
+        let state = locked.state();
+        // From below 0, maybe, in a replay.
+        state.permits = state.permits.wrapping_add(u64::from(count));
+        let former = Inheritor::end(&mut state.inheritor, here);
+        if former.is_some() || !locked.waiting().is_empty() {
+            self.serve_all(locked, former);
         }
     }
 
     #[inline(never)]
-    fn serve_all(&self, lists: impl Lists, mut former: Option<Inheritor>) {
+    fn serve_all(&self, locked: Locked<'_, State, impl Lists>, mut former: Option<Inheritor>) {
         // After the next holder was woken, also if its waker panics.
         let _end_boost = Finally::new(|| chain::end_boost(former.take()));
-        if self.serve_first(lists) {
+        if self.serve_first(locked) {
             self.serve();
         }
     }
@@ -73,59 +78,24 @@ impl Core {
         while self.serve_first(self.lock()) {}
     }
 
-    /// The first waiter, if there are enough permits for it.
-    fn first_to_serve(&self, lists: &mut WaitQueues) -> Option<NonNull<WaitNode>> {
-        let node = lists.senders.first()?;
-        let permits = self.state(lists, |state, _| state.permits);
-        // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
-        let count = unsafe { (*Entry::of(node).as_ptr()).count };
-        (u64::from(count) <= permits).then_some(node)
-    }
-
     /// Serves the first waiter, if there are enough permits. Returns whether there are enough for
     /// the next one.
-    fn serve_first(&self, mut lists: impl Lists) -> bool {
-        let Some(node) = self.first_to_serve(&mut lists) else {
+    fn serve_first(&self, mut locked: Locked<'_, State, impl Lists>) -> bool {
+        let Some(node) = locked.first_to_serve() else {
             return false;
         };
         // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
         let next = unsafe {
-            lists.senders.remove(node);
-            self.hand_over(&mut lists, Entry::of(node))
+            locked.waiting().remove(node);
+            locked.hand_over(Entry::of(node))
         };
-        let are_enough_left = self.first_to_serve(&mut lists).is_some();
-        drop(lists);
+        let are_enough_left = locked.first_to_serve().is_some();
+        drop(locked);
         // A wake may panic: the remaining wakes must still be done.
         let rest = Finally::new(|| self.serve());
         next.carry_out();
         rest.cancel();
         are_enough_left
-    }
-
-    /// Gives `entry`, which was just taken off its list, its permits. It is not to be touched after
-    /// this.
-    ///
-    /// # Safety
-    ///
-    /// `lists` are those of this core, which has so many permits. `entry` was begun and waits; it
-    /// is in no list, and the lock under which it was taken off is still held.
-    unsafe fn hand_over(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) -> Admitted {
-        // SAFETY: the entry was begun and waits, and the lock under which it was taken off is still
-        // held, as is demanded here: so it is live, and no other thread accesses it, until it is
-        // settled.
-        unsafe {
-            let inheritor = (*entry.as_ptr()).inheritor.take();
-            let count = u64::from((*entry.as_ptr()).count);
-            lists.receiver = LastUser::of(Entry::node(entry).as_ref().user());
-            self.state(lists, |state, _| {
-                state.permits -= count;
-                state.inheritor = inheritor;
-            });
-            Admitted {
-                changed: self.boost_holder(lists),
-                ready: Waiter::settle(Entry::waiter(entry), Outcome::Done),
-            }
-        }
     }
 
     /// Takes in an entry that waited at a condition: it holds the mutex, or waits for it.
@@ -135,19 +105,53 @@ impl Core {
     /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's
     /// lock.
     pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
-        let mut lists = self.lock();
+        let mut locked = self.lock();
         // SAFETY: the entry was begun for this mutex, is in no list, and the condition's lock,
         // which is held, keeps its future until it is listed here or settled, as is demanded here.
         unsafe {
-            if self.state(&mut lists, |state, _| state.permits > 0) {
-                return self.hand_over(&mut lists, entry);
+            if locked.state().permits > 0 {
+                return locked.hand_over(entry);
             }
-            lists
-                .senders
-                .insert_again_at(Entry::node(entry), Entry::priority(entry));
+            let node = Entry::node(entry);
+            locked
+                .waiting()
+                .insert_again_at(node, Entry::priority(entry));
+        }
+        Admitted {
+            ready: PendingWake::NONE,
+            changed: locked.boost_holder(),
+        }
+    }
+}
+
+impl<L: Lists> Locked<'_, State, L> {
+    /// The first waiter, if there are enough permits for it.
+    fn first_to_serve(&mut self) -> Option<NonNull<WaitNode>> {
+        let node = self.waiting().first()?;
+        // SAFETY: the node is in the list, so it is a live entry's, and the lock is held.
+        let count = unsafe { (*Entry::of(node).as_ptr()).count };
+        (u64::from(count) <= self.state().permits).then_some(node)
+    }
+
+    /// Gives `entry`, which was just taken off its list, its permits, of which there are enough. It
+    /// is not to be touched after this.
+    ///
+    /// # Safety
+    ///
+    /// `entry` was begun and waits; it is in no list, and the lock under which it was taken off is
+    /// still held.
+    unsafe fn hand_over(&mut self, entry: NonNull<Entry>) -> Admitted {
+        // SAFETY: the entry was begun and waits, and the lock under which it was taken off is still
+        // held, as is demanded here: so it is live, and no other thread accesses it, until it is
+        // settled.
+        unsafe {
+            let state = self.state();
+            state.permits -= u64::from((*entry.as_ptr()).count);
+            state.inheritor = (*entry.as_ptr()).inheritor.take();
+            self.receiver = LastUser::of(Entry::node(entry).as_ref().user());
             Admitted {
-                ready: PendingWake::NONE,
-                changed: self.boost_holder(&mut lists),
+                changed: self.boost_holder(),
+                ready: Waiter::settle(Entry::waiter(entry), Outcome::Done),
             }
         }
     }

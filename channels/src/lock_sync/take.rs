@@ -1,13 +1,15 @@
 //! Taking permits, as a future: the one operation behind locking, acquiring, and locking again
 //! after a wait at a condition.
 
-use super::core::Core;
+use super::chain;
+use super::core::{Core, State};
 use super::entry::Entry;
 use super::error::{AcquireError, AcquireTimeoutError};
+use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::wait_point::Lists;
-use crate::waiter::Outcome;
+use crate::waiter::{Outcome, Waiter};
 use core::cell::UnsafeCell;
 use core::fmt;
 use core::future::Future;
@@ -132,8 +134,8 @@ impl<'a> Take<'a> {
                 self.core().note_user(turn.here());
                 // Made without the lock.
                 let mut inheritor = self.core().inheritor(self.of_thread);
-                let core = self.core();
-                self.take_under(core, core.lock_in(turn.here()), turn, || inheritor.take())
+                let locked = self.core().lock_in(turn.here());
+                self.take_under(locked, turn, || inheritor.take())
             }
             Phase::Listed => self.poll_listed(cx),
             Phase::Keeps => Poll::Ready(()),
@@ -148,52 +150,71 @@ impl<'a> Take<'a> {
     #[inline(always)]
     fn take_under(
         &mut self,
-        core: &Core,
-        mut lists: impl Lists,
+        mut locked: Locked<'_, State, impl Lists>,
         turn: current::Turn<'_>,
         holder: impl FnOnce() -> Option<Inheritor>,
     ) -> Poll<()> {
         let here = turn.here();
-        if core.take_locked(&mut lists, here, self.count, || here.priority(), holder) {
+        if locked.take(here, self.count, || here.priority(), holder) {
             self.phase = Phase::Keeps;
             return Poll::Ready(());
         }
-        drop(lists);
+        drop(locked);
         self.poll_contended(turn)
     }
 
     #[cold]
     #[inline(never)]
     fn poll_contended(&mut self, turn: current::Turn<'_>) -> Poll<()> {
-        let inheritor = self.core().inheritor(self.of_thread);
-        let cx = turn.context();
-        let mut renewal = Renewal::of(&cx);
-        let waits_as = (priority(self.of_thread), inheritor);
-        // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and
-        // ended when it goes.
-        let polled = unsafe {
-            Core::take_or_list(
-                self.core,
-                self.entry(),
-                turn.here(),
-                self.count,
-                waits_as,
-                &mut renewal,
-            )
-        };
-        // Before what is left of the renewal is dropped.
-        self.phase = match polled {
-            Poll::Ready(()) => Phase::Keeps,
-            Poll::Pending => Phase::Listed,
-        };
+        let (core, here, cx) = (self.core(), turn.here(), turn.context());
+        let (priority, mut inheritor) = (priority(self.of_thread), core.inheritor(self.of_thread));
+        let (mut renewal, mut changed) = (Renewal::of(&cx), None);
+        let polled = renewal.put(|renewal| {
+            let mut locked = core.lock_in(here);
+            if locked.take(here, self.count, || priority, || inheritor.take()) {
+                self.phase = Phase::Keeps;
+                return Poll::Ready(());
+            }
+            let Some(wake_handle) = renewal.take() else {
+                return Poll::Pending;
+            };
+            // SAFETY: this future is pinned, and was not listed; in `Listed` it is taken back and
+            // ended when it goes. Listed with its process before the priority is read again.
+            unsafe {
+                self.begin(inheritor.take());
+                let node = Entry::node(self.entry());
+                locked.waiting().insert(node, priority, wake_handle);
+                locked.requeue(self.entry());
+            }
+            changed = locked.boost_holder();
+            Poll::Pending
+        });
+        if polled.is_pending() {
+            chain::follow(changed);
+            core.waits();
+        }
         polled
     }
 
     /// Polls an entry that is in the list of the core, or was settled.
     pub(super) fn poll_listed(&mut self, cx: &Context<'_>) -> Poll<()> {
-        debug_assert_eq!(self.phase, Phase::Listed);
-        // SAFETY: the entry is this future's, and was listed there.
-        unsafe { self.core().poll_listed(self.entry(), cx) }
+        if self.has_succeeded() {
+            return Poll::Ready(());
+        }
+        let mut renewal = Renewal::of(cx);
+        let polled = renewal.put(|renewal| {
+            let _locked = self.core().lock();
+            if self.has_succeeded() {
+                return Poll::Ready(());
+            }
+            // SAFETY: the entry was begun, and under the lock a waiting node may be changed.
+            renewal.store(unsafe { (*Entry::link(self.entry())).wait.wake_handle_mut() });
+            Poll::Pending
+        });
+        if polled.is_pending() {
+            self.core().waits();
+        }
+        polled
     }
 
     /// Ends the entry, which is settled or in no list.
@@ -210,12 +231,31 @@ impl<'a> Take<'a> {
         if self.phase != Phase::Listed {
             return self.phase == Phase::Keeps;
         }
-        // SAFETY: in `Listed` it is this future's, and was listed there.
-        let (has_them, _former) = unsafe { self.core().withdraw(self.entry()) };
-        if !has_them {
-            self.end();
+        let core = self.core();
+        core.waits_no_more();
+        let mut locked = core.lock();
+        if self.has_succeeded() {
+            return true;
         }
-        has_them
+        let entry = self.entry();
+        // SAFETY: the entry is this future's, was begun, and under the lock one that is not done is
+        // in the list. It is settled after it was taken off.
+        let _former = unsafe {
+            locked.waiting().remove(Entry::node(entry));
+            let former = (*Entry::link(entry)).wait.wake_handle_mut().take();
+            Waiter::settle_stale(Entry::waiter(entry));
+            former
+        };
+        let changed = locked.boost_holder();
+        drop(locked);
+        // Before what may run user code: the former handle's drop is the last step.
+        self.end();
+        chain::follow(changed);
+        if !core.has_owner() {
+            // Waiters behind it may want fewer permits.
+            core.serve();
+        }
+        false
     }
 
     /// Gives up in any state; gives back what it was given.
@@ -274,14 +314,14 @@ impl Future for Take<'_> {
         let (core, turn) = (this.core(), current::Turn::of(cx));
         if this.phase == Phase::New
             && let Some(plain) = turn.plain()
-            && let Some(lists) = core.enter_in(turn.here())
+            && let Some(locked) = core.enter_in(turn.here())
             && plain.goes_on()
         {
             let holder = || match core.has_owner() {
                 true => Inheritor::of_plain_turn(plain),
                 false => None,
             };
-            let polled = this.take_under(core, lists, turn, holder);
+            let polled = this.take_under(locked, turn, holder);
             if polled.is_ready() {
                 this.phase = Phase::Over;
             }

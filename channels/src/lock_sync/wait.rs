@@ -1,15 +1,16 @@
 //! Waiting at a condition, as a future.
 
-use super::condition::Condvar;
+use super::condition::{Condvar, Notified};
 use super::entry::{Cause, Entry};
 use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use super::take::{self, Phase, Take};
 use crate::finally::Finally;
+use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
 use crate::replay::{self, Logged, Stage};
-use crate::wait_point::WaitQueues;
+use crate::wait_point::Lists;
 use core::fmt;
 use core::future::Future;
 use core::pin::Pin;
@@ -71,11 +72,10 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         // keeps the mutex by its handle.
         unsafe {
             self.take.begin(inheritor);
-            let mut lists = self.condition.wait_point().lock();
-            (*Entry::link(entry)).ticket = lists.tickets;
-            lists
-                .senders
-                .insert(Entry::node(entry), priority, wake_handle);
+            let mut locked = self.condition.wait_point().lock();
+            (*Entry::link(entry)).ticket = locked.state().0;
+            let node = Entry::node(entry);
+            locked.waits().insert(node, priority, wake_handle);
         }
         guard.unlock();
     }
@@ -107,17 +107,16 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     ///
     /// # Safety
     ///
-    /// `lists` are the condition's, and it has no cause.
-    unsafe fn take_off(&self, lists: &mut WaitQueues) -> bool {
+    /// `locked` is the condition's, and the entry has no cause.
+    unsafe fn take_off(&self, locked: &mut Locked<'_, Notified, impl Lists>) -> bool {
         let node = Entry::node(self.take.entry());
-        // SAFETY: the lists are the condition's, and the entry has no cause, as is demanded here:
-        // so it is in one of its lists, and by the condition's invariant its number says in which.
+        // SAFETY: the condition's lock is held, and the entry has no cause, as is demanded here: so
+        // it is in one of its lists, and by the condition's invariant its number says in which.
         unsafe {
-            let was_notified = (*Entry::link(self.take.entry())).ticket != lists.tickets;
-            if was_notified {
-                lists.held.remove(node);
-            } else {
-                lists.senders.remove(node);
+            let was_notified = (*Entry::link(self.take.entry())).ticket != locked.state().0;
+            match was_notified {
+                true => locked.notified().remove(node),
+                false => locked.waits().remove(node),
             }
             was_notified
         }
@@ -131,21 +130,21 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             return;
         }
         let entry = this.take.entry();
-        let mut lists = this.condition.wait_point().lock();
+        let mut locked = this.condition.wait_point().lock();
         // SAFETY: the lock is held, and under it the entry's cause determines its list. This
         // future's handle keeps the mutex.
         let admitted = unsafe {
             if (*entry.as_ptr()).cause != Cause::None {
                 return;
             }
-            this.has_timed_out = !this.take_off(&mut lists);
+            this.has_timed_out = !this.take_off(&mut locked);
             (*entry.as_ptr()).cause = match this.has_timed_out {
                 true => Cause::TimedOut,
                 false => Cause::NotifiedWithAll,
             };
             this.mutex.core().admit(entry)
         };
-        drop(lists);
+        drop(locked);
         admitted.carry_out();
     }
 
@@ -158,17 +157,17 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     fn cancel(&mut self) {
         let entry = self.take.entry();
         self.condition.wait_point().waits_no_more();
-        let mut lists = self.condition.wait_point().lock();
+        let mut locked = self.condition.wait_point().lock();
         // SAFETY: the lock is held; the entry's cause determines its list.
         let (cause, _former) = unsafe {
             let cause = (*entry.as_ptr()).cause;
             let former = (cause == Cause::None).then(|| {
-                self.take_off(&mut lists);
+                self.take_off(&mut locked);
                 (*Entry::link(entry)).wait.wake_handle_mut().take()
             });
             (cause, former)
         };
-        drop(lists);
+        drop(locked);
         if cause == Cause::None {
             return self.take.end();
         }

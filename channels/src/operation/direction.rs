@@ -9,6 +9,7 @@ use crate::waiter::Outcome;
 use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
+use luna_core::wait_list::WaitNode;
 
 /// The direction of an [`Operation`]: [`Sending`](super::Sending) a value of some source, or
 /// [`Receiving`](super::Receiving) one in some mode. Sealed: its module is private.
@@ -66,6 +67,7 @@ pub trait Direction<T>: Sized {
     /// It is a new operation's.
     unsafe fn begin(
         node: NonNull<Node<T, Self>>,
+        wait: WaitNode,
         select_state: Option<(NonNull<SelectState>, u32)>,
     );
 

@@ -6,11 +6,12 @@ use crate::core::Attempted;
 use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Outcome, Waiter, Waits};
 use core::hint::cold_path;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
+use luna_core::current::Here;
 use luna_core::wait_list::WaitNode;
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
@@ -36,7 +37,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         // demanded here: so they are this channel's, and the node is a new operation's. It is
         // pinned, and its drop withdraws it.
         unsafe {
-            let mut locked = this.channel().guard_of(lists);
+            let mut locked = this.channel().guard_of(lists, Here::now());
             match D::attempt(this.node_pointer(), &mut locked, Some(cx)) {
                 Attempted::NotNow => {
                     // A registered alternative starts to wait under its own lock. From here on it
@@ -63,9 +64,11 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         // demanded here: so they are this channel's, and the node is in none. It is pinned, and its
         // drop withdraws it.
         unsafe {
-            D::begin(this.node_pointer(), Some((select_state, guard)));
-            let mut locked = this.channel().guard_of(lists);
-            locked.list(D::SEND, this.waiter(), None);
+            let here = Here::now();
+            let select_state = Some((select_state, guard));
+            D::begin(this.node_pointer(), (here, None).into_node(), select_state);
+            let mut locked = this.channel().guard_of(lists, here);
+            locked.list(D::SEND, this.waiter());
         }
         this.phase = Phase::Listed;
     }

@@ -249,15 +249,12 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
             if met == FastPath::Done {
                 return Poll::Ready(Ok(this.done()));
             }
-            if met == FastPath::No {
-                cold_path();
-                return this.poll_slow_path(cx);
+            if met == FastPath::Waits {
+                this.phase = Phase::Listed;
+                return Poll::Pending;
             }
-            this.phase = match met {
-                FastPath::Waits => Phase::Listed,
-                _ => Phase::GaveWay,
-            };
-            return Poll::Pending;
+            cold_path();
+            return this.poll_after_prologue(met, turn, cx);
         }
         if this.phase == Phase::Listed && D::PLAIN_WHEN_MET && this.outcome() == Outcome::Done {
             this.waits_no_more();

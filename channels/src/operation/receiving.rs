@@ -12,6 +12,7 @@ use core::mem::{ManuallyDrop, needs_drop, take};
 use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
+use luna_core::wait_list::WaitNode;
 
 /// A receive under way: see [`Receiver::recv`](crate::Receiver::recv). `M` determines whether the
 /// sender is held.
@@ -72,6 +73,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     #[inline]
     unsafe fn begin(
         mut node: NonNull<Node<T, Self>>,
+        wait: WaitNode,
         select_state: Option<(NonNull<SelectState>, u32)>,
     ) {
         // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
@@ -79,7 +81,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         unsafe {
             M::waits(&mut node.as_mut().direction.note);
             let waiter = node.cast::<Waiter<T>>();
-            Waiter::begin(waiter, M::HOLDS, select_state, None);
+            Waiter::begin_as(waiter, wait, M::HOLDS, select_state, None);
             if M::INHERITS {
                 (*Waiter::link(waiter)).inherits = true;
             }

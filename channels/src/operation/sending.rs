@@ -15,6 +15,7 @@ use core::ops::DerefMut;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::Context;
+use luna_core::wait_list::WaitNode;
 
 /// A send under way: see [`Sender::send`](crate::Sender::send). `S` is the source of its value.
 pub type SendOp<'a, T, S = InNode> = Operation<'a, T, Sending<S>>;
@@ -63,11 +64,12 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     #[inline]
     unsafe fn begin(
         node: NonNull<Node<T, Self>>,
+        wait: WaitNode,
         select_state: Option<(NonNull<SelectState>, u32)>,
     ) {
         // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
         // its future knows it.
-        unsafe { Waiter::begin(node.cast(), false, select_state, S::MAKE) };
+        unsafe { Waiter::begin_as(node.cast(), wait, false, select_state, S::MAKE) };
     }
 
     #[inline(always)]

@@ -2,14 +2,16 @@
 //! the channel.
 
 use super::{Direction, Operation, Phase};
-use crate::core::{Attempted, Ending, HandOff, Locked};
+use crate::core::{Attempted, ChannelGuard, Ending, FastPath, HandOff};
 use crate::in_place::InPlace;
 use crate::replay;
-use crate::waiter::Outcome;
+use crate::wait_point::WaitQueues;
+use crate::waiter::{Outcome, Waiter, Waits};
 use core::future::Future;
+use core::ops::DerefMut;
 use core::pin::Pin;
 use core::task::{Context, Poll};
-use luna_core::current::{self, WakeHandle};
+use luna_core::current::{self, Here, PlainTurn, WakeHandle};
 use luna_core::spin;
 
 /// The result of polling an operation.
@@ -49,18 +51,21 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         if !self.node().direction.is_open() {
             return Poll::Pending;
         }
-        let channel = self.channel();
-        let mut locked = if D::PLAIN {
+        let (channel, here) = (self.channel(), Here::now());
+        let mut locked = channel.lock_beside_slots(here);
+        if D::PLAIN {
             // SAFETY: by the invariants a new send's node holds its value, a new receive's none,
             // and no other thread knows it. The future is pinned, and it looks until the hand-off
             // slot is left.
-            match unsafe { channel.meet_by_slot(D::SEND, self.waiter()) } {
-                HandOff::No(locked) => locked,
+            match unsafe { locked.meet_at_slot(D::SEND, self.waiter()) } {
+                HandOff::No => {}
                 HandOff::Done => {
+                    drop(locked);
                     self.phase = Phase::Settled(Outcome::Done);
                     return self.done_in_turn(cx);
                 }
                 HandOff::Waits => {
+                    drop(locked);
                     self.phase = Phase::Listed;
                     // SAFETY: the node waits on the hand-off slot.
                     let outcome = unsafe { channel.look_from_slot(self.waiter(), D::SEND, cx) };
@@ -68,23 +73,72 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                 }
             }
         } else {
-            channel.lock()
-        };
+            locked.list_from_slots();
+        }
+        self.go_on(locked, None, cx)
+    }
+
+    /// What the [prologue](crate::core::Channel::meet_fast) has not completed.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn poll_after_prologue(
+        &mut self,
+        met: FastPath,
+        turn: PlainTurn<'_>,
+        cx: &mut Context<'_>,
+    ) -> Polled<Self> {
+        match met {
+            FastPath::Inside => self.go_on_inside(turn, cx),
+            FastPath::No => self.poll_new(cx),
+            FastPath::Done | FastPath::Waits | FastPath::GaveWay => {
+                self.phase = Phase::GaveWay;
+                Poll::Pending
+            }
+        }
+    }
+
+    /// Goes on under the lock that the prologue has taken.
+    fn go_on_inside(&mut self, turn: PlainTurn<'_>, cx: &mut Context<'_>) -> Polled<Self> {
+        let channel = self.channel();
+        // SAFETY: the prologue has kept the lock of this channel in this poll, and this is called
+        // once for it.
+        let mut locked = unsafe { channel.guard_of(channel.wait_point().kept(turn), turn.here()) };
+        locked.lists.list_lone();
+        self.go_on(locked, Some(turn), cx)
+    }
+
+    /// The protocol of an operation that is new, under the lock of its channel, however that is
+    /// held: meets what waits, or waits itself.
+    #[inline(always)]
+    fn go_on<L: DerefMut<Target = WaitQueues>>(
+        &mut self,
+        mut locked: ChannelGuard<'_, T, L>,
+        plain: Option<PlainTurn<'_>>,
+        cx: &mut Context<'_>,
+    ) -> Polled<Self> {
+        let (channel, here) = (self.channel(), locked.here());
         // SAFETY: it is new; the future is pinned, and its drop withdraws it.
         match unsafe { D::attempt(self.node_pointer(), &mut locked, Some(cx)) } {
             Attempted::NotNow => {
-                let looks = spin::may_look();
-                // A waker is not cloned under the lock, but brought when it is released.
-                let wake_handle = match looks {
-                    true => None,
-                    false => WakeHandle::without_waker(cx),
-                };
-                let has_wake_handle = wake_handle.is_some();
+                let looks = plain.is_none() && spin::may_look();
+                let mut has_wake_handle = true;
                 // SAFETY: it is still new, since it could not happen. The future is pinned, and its
                 // drop withdraws it.
                 unsafe {
-                    D::begin(self.node_pointer(), None);
-                    locked.list(D::SEND, self.waiter(), wake_handle);
+                    match plain {
+                        Some(turn) => Waiter::begin_plain(self.waiter(), turn),
+                        None => {
+                            // A waker is not cloned under the lock, but brought when it is released.
+                            let wake_handle = match looks {
+                                true => None,
+                                false => WakeHandle::without_waker(cx),
+                            };
+                            has_wake_handle = wake_handle.is_some();
+                            let wait = (here, wake_handle).into_node();
+                            D::begin(self.node_pointer(), wait, None);
+                        }
+                    }
+                    locked.list(D::SEND, self.waiter());
                 }
                 self.phase = Phase::Listed;
                 Self::release(locked);
@@ -116,7 +170,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 
     /// Releases the lock. Only a send can have something to report to registered alternatives.
     #[inline(always)]
-    fn release(locked: Locked<'_, T>) {
+    fn release<L: DerefMut<Target = WaitQueues>>(locked: ChannelGuard<'_, T, L>) {
         match D::SEND {
             true => locked.release(),
             false => drop(locked),

@@ -1,12 +1,14 @@
 //! What waits at a wait point, and what its lock guards.
 
 use super::Ending;
+use crate::ended::Watcher;
 use crate::hand_off_slots::Nodes;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
 use core::ptr::NonNull;
 use luna_core::current::{Inheritor, ProcessId, User};
 use luna_core::wait_list::{WaitList, WaitNode};
+use luna_core::waiting::OpList;
 
 /// What waits at a wait point, as one word that the fast path decides by.
 ///
@@ -154,7 +156,7 @@ pub struct WaitQueues {
     /// done with it.
     pub(crate) held: WaitList,
     /// Operations that wait for the end alone: see `ended`.
-    pub(crate) watching: WaitList,
+    pub(crate) watching: OpList<Watcher>,
     /// What is known of recorded processes that come here.
     pub(crate) log_state: LogState,
 }

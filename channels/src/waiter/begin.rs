@@ -4,11 +4,12 @@ use super::{Begun, Link, Make, Outcome, Seldom, Waiter};
 use crate::select_state::SelectState;
 use core::mem::MaybeUninit;
 use core::ptr::NonNull;
-use luna_core::current::{self, Here, PlainTurn, User, WakeHandle};
+use luna_core::current::{Here, PlainTurn, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::atomic::AtomicU8;
 
-/// Who waits: the process in its plain turn, or anyone with a handle that was made before the lock.
+/// What waits: the process in its plain turn, or anything else, with a handle that was made before
+/// the lock, or without one.
 pub(crate) trait Waits {
     fn into_node(self) -> WaitNode;
 }
@@ -23,35 +24,60 @@ impl Waits for PlainTurn<'_> {
     }
 }
 
-/// The wake handle of anyone else.
-impl Waits for (Here<'_>, WakeHandle) {
+/// The wake handle of anything else.
+impl<H: Into<Option<WakeHandle>>> Waits for (Here<'_>, H) {
+    #[inline]
     fn into_node(self) -> WaitNode {
         let (here, wake_handle) = self;
-        WaitNode::waiting(here.user(), here.priority(), Some(wake_handle))
+        WaitNode::waiting(here.user(), here.priority(), wake_handle.into())
+    }
+}
+
+impl Waits for WaitNode {
+    #[inline(always)]
+    fn into_node(self) -> WaitNode {
+        self
     }
 }
 
 impl<T> Waiter<T> {
-    /// Prepares a node for being listed.
+    /// As [`begin_as`](Self::begin_as), of one that is yet to be given a user and a priority.
     ///
     /// # Safety
     ///
-    /// `node` is live, no other thread accesses it, and if this is not the first call, it is listed
-    /// nowhere.
-    #[inline]
+    /// As for `begin_as`.
     pub(crate) unsafe fn begin(
         node: NonNull<Waiter<T>>,
         extended: bool,
         select_state: Option<(NonNull<SelectState>, u32)>,
         make: Option<Make<T>>,
     ) {
+        // SAFETY: as is demanded here.
+        unsafe { Self::begin_as(node, WaitNode::new(), extended, select_state, make) };
+    }
+
+    /// Prepares a node for being listed.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, no other thread accesses it, and if this is not the first call, it is listed
+    /// nowhere.
+    #[inline(always)]
+    pub(crate) unsafe fn begin_as(
+        node: NonNull<Waiter<T>>,
+        waits: impl Waits,
+        extended: bool,
+        select_state: Option<(NonNull<SelectState>, u32)>,
+        make: Option<Make<T>>,
+    ) {
+        let wait = waits.into_node();
         // SAFETY: the node is live, in no list, and no other thread accesses it, as is demanded
         // here: so it may be written as a whole. A settled node holds no wake handle, so nothing is
         // lost of a former link.
         unsafe {
             (*node.as_ptr()).link.write(Link {
                 extended,
-                ..Link::in_full(WaitNode::new(), select_state)
+                ..Link::in_full(wait, select_state)
             });
             (*node.as_ptr()).seldom = Seldom {
                 order: MaybeUninit::new(0),
@@ -69,19 +95,11 @@ impl<T> Waiter<T> {
     /// list.
     #[inline(always)]
     pub(crate) unsafe fn begin_for(node: NonNull<Waiter<T>>, waits: impl Waits, ticket: u32) {
-        let wait = waits.into_node();
         // SAFETY: the node is live, in no list, and no other thread accesses it, as is demanded
-        // here: so it may be written as a whole. A settled node holds no wake handle, so nothing is
-        // lost of a former link.
+        // here; from `begin` on its link is there.
         unsafe {
-            (*node.as_ptr()).link.write(Link {
-                ticket,
-                ..Link::in_full(wait, None)
-            });
-            (*node.as_ptr()).seldom = Seldom {
-                order: MaybeUninit::new(0),
-                make: MaybeUninit::new(None),
-            };
+            Self::begin_as(node, waits, false, None, None);
+            (*Self::link(node)).ticket = ticket;
         }
     }
 
@@ -94,20 +112,13 @@ impl<T> Waiter<T> {
     /// list.
     #[inline(always)]
     pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, turn: PlainTurn<'_>) {
-        let process = turn.process();
-        let user = User::Process(process.id());
-        let wake_handle = WakeHandle::of_plain_turn(turn);
+        let wait = turn.into_node();
         // SAFETY: the node is live, in no list, and no other thread accesses it, so its link may be
         // written. A settled node holds no wake handle, so nothing is lost of a former link.
         unsafe {
             (*node.as_ptr()).link.write(Link {
-                wait: WaitNode::waiting(user, process.priority(), Some(wake_handle)),
-                outcome: AtomicU8::new(Outcome::Waiting as u8),
                 begun: Begun::Plainly,
-                extended: false,
-                inherits: false,
-                ticket: 0,
-                select_state: MaybeUninit::uninit(),
+                ..Link::in_full(wait, None)
             });
         }
     }
@@ -131,27 +142,6 @@ impl<T> Waiter<T> {
             (&raw mut (*link).extended).write(false);
             (&raw mut (*link).inherits).write(false);
             (&raw mut (*link).ticket).write(0);
-        }
-    }
-
-    /// Prepares a plain operation's node of the current process for waiting on a hand-off slot,
-    /// from where any thread may list it where no other node is.
-    ///
-    /// # Safety
-    ///
-    /// As for [`begin`](Self::begin): `node` is live, no other thread accesses it, and it is in no
-    /// list.
-    #[inline]
-    pub(crate) unsafe fn begin_in_slot(node: NonNull<Waiter<T>>) {
-        let wait = WaitNode::waiting(current::user(), current::priority(), None);
-        // SAFETY: the node is live, in no list, and no other thread accesses it: the slot leads
-        // here only once the caller has occupied it. So it may be written as a whole.
-        unsafe {
-            (*node.as_ptr()).link.write(Link::in_full(wait, None));
-            (*node.as_ptr()).seldom = Seldom {
-                order: MaybeUninit::new(0),
-                make: MaybeUninit::new(None),
-            };
         }
     }
 

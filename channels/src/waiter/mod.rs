@@ -431,7 +431,7 @@ impl<T> Waiter<T> {
     /// `node` was begun, in no plain turn, or [cleared](Self::clear_order). No other thread
     /// accesses it any more.
     pub(crate) unsafe fn order(node: NonNull<Waiter<T>>) -> u64 {
-        // SAFETY: the stamp was written: `begin`, `begin_in_slot` and `clear_order` do that, and by
+        // SAFETY: the stamp was written: `begin` and `clear_order` do that, and by
         // `# Safety` one of them was called. No other thread writes it any more.
         unsafe { (*node.as_ptr()).seldom.order.assume_init() }
     }

@@ -1,61 +1,55 @@
 //! Waiting for the end of a process.
 
 use super::Exit;
-use super::record::Record;
-use crate::current::{self, ProcessId, Renewal, User};
-use crate::events;
-use crate::wait_list::WaitNode;
+use super::record::{Record, Shown};
+use crate::current::{ProcessId, User};
+use crate::waiting::{Kind, Op, OpList};
 use alloc::vec::Vec;
-use core::cell::{Cell, UnsafeCell};
 use core::future::Future;
-use core::marker::PhantomPinned;
+use core::ops::DerefMut;
 use core::pin::Pin;
-use core::ptr::NonNull;
-use core::sync::atomic::{AtomicBool, Ordering};
-use core::task::{Context, Poll};
+use core::task::{Context, Poll, ready};
+use pin_project_lite::pin_project;
 
-#[derive(Debug)]
-#[repr(C)]
-/// The node of a waiter, in the list of the process' end.
-pub(super) struct JoinNode {
-    /// First, so that the list's node leads back to this.
-    pub(super) wait: WaitNode,
-    /// Cleared, as the last access to the node, by the thread that takes it off the list.
-    pub(super) listed: AtomicBool,
+pin_project! {
+    /// Waits for the end of a process: see [`ProcessHandle::join`](crate::ProcessHandle::join).
+    #[must_use = "a join does nothing unless awaited"]
+    pub struct Join<'a> {
+        #[pin]
+        op: Op<End<'a>>,
+    }
 }
 
-/// Waits for the end of a process: see [`ProcessHandle::join`](crate::ProcessHandle::join).
-///
-/// # Invariants
-///
-/// `node` is accessed under the record's lock alone, once it is listed, but for `listed`; while
-/// that is so it is in the record's list.
-#[must_use = "a join does nothing unless awaited"]
-pub struct Join<'a> {
-    record: &'a Record,
-    node: UnsafeCell<JoinNode>,
-    /// Whether the node may be in the list. The future's own.
-    may_be_listed: Cell<bool>,
-    _pinned: PhantomPinned,
-}
-
-// SAFETY: the node is guarded by the record's lock, wherever the future is.
-unsafe impl Send for Join<'_> {}
-// SAFETY: `&Join` gives access to nothing; only code that has the future pinned, or drops it, uses
-// the cell.
-unsafe impl Sync for Join<'_> {}
+struct End<'a>(&'a Record);
 
 impl<'a> Join<'a> {
     pub(super) fn new(record: &'a Record) -> Self {
         Self {
-            record,
-            node: UnsafeCell::new(JoinNode {
-                wait: WaitNode::new(),
-                listed: AtomicBool::new(false),
-            }),
-            may_be_listed: Cell::new(false),
-            _pinned: PhantomPinned,
+            op: Op::new(End(record)),
         }
+    }
+}
+
+// SAFETY: a record has one lock, and one list of joins, which it guards.
+unsafe impl Kind for End<'_> {
+    type Queue = Shown;
+    type Note = ();
+    type Output = ();
+
+    fn lock(&self) -> impl DerefMut<Target = Shown> {
+        self.0.shown.lock()
+    }
+
+    fn list<'q>(&self, shown: &'q mut Shown) -> &'q mut OpList<()> {
+        &mut shown.joining
+    }
+
+    fn attempt(&self, _: &mut Shown) -> Option<()> {
+        self.0.has_ended().then_some(())
+    }
+
+    fn begin(&self, _: &mut Shown) -> Result<(), ()> {
+        Ok(())
     }
 }
 
@@ -63,61 +57,13 @@ impl Future for Join<'_> {
     type Output = Exit;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Exit> {
-        let node = NonNull::from(&self.node).cast::<JoinNode>();
-        // SAFETY: it is atomic, and the future's own.
-        let listed = unsafe { &(*node.as_ptr()).listed };
-        // The thread that ended the process takes the nodes off one by one, perhaps not this one
-        // yet.
-        let ended = |exit| {
-            let may_be_listed = self.may_be_listed.get() && listed.load(Ordering::Acquire);
-            self.may_be_listed.set(may_be_listed);
-            Poll::Ready(exit)
-        };
-        if let Some(exit) = self.record.exit() {
-            return ended(exit);
+        let op = self.project().op;
+        let record = op.kind().0;
+        // One that has waited looks under the lock whether it is still listed.
+        if op.has_waited() || !record.has_ended() {
+            ready!(op.poll(cx));
         }
-        let mut renewal = Renewal::of(cx);
-        let has_ended = renewal.put(|renewal| {
-            let mut shown = self.record.shown.lock();
-            if self.record.has_ended() {
-                return true;
-            }
-            // SAFETY: the lock is held; the node is pinned with the future and leaves the list
-            // before it dies.
-            unsafe {
-                if listed.load(Ordering::Relaxed) {
-                    renewal.store((*node.as_ptr()).wait.wake_handle_mut());
-                } else if let Some(wake_handle) = renewal.take() {
-                    self.may_be_listed.set(true);
-                    shown
-                        .joining
-                        .insert(node.cast(), current::priority(), wake_handle);
-                    listed.store(true, Ordering::Relaxed);
-                }
-            }
-            false
-        });
-        if has_ended {
-            return self.record.exit().map_or(Poll::Pending, ended);
-        }
-        events::waits_for_other();
-        Poll::Pending
-    }
-}
-
-impl Drop for Join<'_> {
-    fn drop(&mut self) {
-        if !self.may_be_listed.get() {
-            return;
-        }
-        let mut shown = self.record.shown.lock();
-        let node = NonNull::from(&self.node).cast::<JoinNode>();
-        // SAFETY: the lock is held, and `listed` shows whether the node is in the list.
-        unsafe {
-            if (*node.as_ptr()).listed.load(Ordering::Relaxed) {
-                shown.joining.remove(node.cast());
-            }
-        }
+        record.exit().map_or(Poll::Pending, Poll::Ready)
     }
 }
 
@@ -130,13 +76,7 @@ pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
         let mut count = 0;
         {
             let shown = record.shown.lock();
-            let mut next = shown.joining.first();
-            while let Some(node) = next {
-                // SAFETY: a node in the list is live, and guarded by the lock that is held.
-                let user = unsafe {
-                    next = shown.joining.after(node);
-                    node.as_ref().user()
-                };
+            for (user, ()) in shown.joining.waiting() {
                 count += 1;
                 if let User::Process(id) = user
                     && count <= room
@@ -152,4 +92,4 @@ pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
     }
 }
 
-luna_platform::debug_fields!(Join<'_>, |join| process: join.record.name);
+luna_platform::debug_fields!(Join<'_>, |join| process: join.op.kind().0.name);

@@ -19,7 +19,7 @@ export class Address {
     const now = new URLSearchParams();
     if (this.seen() !== "signals") now.set("view", this.seen());
     if (signals.layout !== "stack") now.set("layout", signals.layout);
-    if (signals.span !== 10) now.set("span", Number(signals.span.toPrecision(6)));
+    if (signals.chosenSpan !== null) now.set("span", Number(signals.chosenSpan.toPrecision(6)));
     if (!clock.live && signals.end !== null) now.set("until", signals.end.toFixed(6));
     if (signals.readings.statistics) now.set("statistics", "");
     if (list.chosenByHand) for (const key of list.chosen.size > 0 ? list.chosen : [""]) now.append("signal", key);

@@ -72,18 +72,19 @@ export class Painter {
     return (((number & 0xff) << 16) | (number & 0xff00) | (number >> 16)) >>> 0;
   }
 
-  // One column of a curve from `top` to `bottom`. Its end pixels are as opaque as the part that it covers.
-  column(x, top, bottom, colour, ceiling, floor) {
+  // One column of a curve from `top` to `bottom`, of which it covers a share. Its end pixels are as opaque as the part that it covers.
+  column(x, top, bottom, colour, ceiling, floor, share = 1) {
     if (top < ceiling) top = ceiling;
     if (bottom > floor) bottom = floor;
     if (bottom <= top) return;
     const { pixels, width } = this;
     const first = Math.floor(top), last = Math.ceil(bottom) - 1;
-    if (first === last) return this.dot(first * width + x, colour, bottom - top);
-    this.dot(first * width + x, colour, first + 1 - top);
-    const full = (colour | 0xff000000) >>> 0;
-    for (let at = (first + 1) * width + x, end = last * width + x; at < end; at += width) pixels[at] = full;
-    this.dot(last * width + x, colour, bottom - last);
+    if (first === last) return this.dot(first * width + x, colour, (bottom - top) * share);
+    this.dot(first * width + x, colour, (first + 1 - top) * share);
+    const full = (colour | 0xff000000) >>> 0, end = last * width + x;
+    if (share === 1) for (let at = (first + 1) * width + x; at < end; at += width) pixels[at] = full;
+    else for (let at = (first + 1) * width + x; at < end; at += width) this.dot(at, colour, share);
+    this.dot(last * width + x, colour, (bottom - last) * share);
   }
 
   dot(at, colour, cover) {
@@ -91,14 +92,19 @@ export class Painter {
     if (strength > this.pixels[at] >>> 24) this.pixels[at] = (colour | (strength << 24)) >>> 0;
   }
 
-  // A curve: its least and greatest value in each column.
+  // A curve: its least and greatest value in each column. Steep parts are as thick as flat ones, and all of it is as thick at the edges of its lane, which it passes by half a line.
   curve(least, most, width, left, low, high, top, bottom, colour, thick) {
-    const scale = (bottom - top) / (high - low), half = thick / 2;
+    const scale = (bottom - top) / (high - low), half = thick / 2, beside = Math.min(1, half - 0.5);
+    const ceiling = top - half, floor = bottom + half;
     for (let x = 0; x < width; x++) {
       if (most[x] < least[x]) continue;
       const y0 = bottom - (most[x] - low) * scale, y1 = bottom - (least[x] - low) * scale;
       // A negative scale turns the curve upside down.
-      this.column(left + x, Math.min(y0, y1) - half, Math.max(y0, y1) + half, colour, top, bottom);
+      const upper = Math.min(y0, y1) - half, lower = Math.max(y0, y1) + half;
+      this.column(left + x, upper, lower, colour, ceiling, floor);
+      if (lower - upper < 2 * thick || beside <= 0) continue;
+      if (x > 0) this.column(left + x - 1, upper, lower, colour, ceiling, floor, beside);
+      if (x < width - 1) this.column(left + x + 1, upper, lower, colour, ceiling, floor, beside);
     }
   }
 

@@ -76,9 +76,9 @@ export class Loops {
     const { context, width, height } = fit(canvas);
     const palette = colours();
     context.clearRect(0, 0, width, height);
-    const bottom = height - 22, low = Math.max(100, Math.min(...buckets.map(([from]) => from)) * 0.7);
+    const bottom = height - 22, left = 34, low = Math.max(100, Math.min(...buckets.map(([from]) => from)) * 0.7);
     const high = Math.max(low * 20, max * 1.4);
-    const x = (nanos) => (Math.log(Math.max(low, nanos) / low) / Math.log(high / low)) * width;
+    const x = (nanos) => left + (Math.log(Math.max(low, nanos) / low) / Math.log(high / low)) * (width - left);
     const bars = new Map(); // two buckets are a bar
     for (const [from, to, number] of buckets) {
       const size = 2 * (to - from), start = Math.floor(from / size) * size;
@@ -86,23 +86,36 @@ export class Loops {
       bars.set(start, { ...bar, number: bar.number + number });
     }
     const tallest = Math.log1p(Math.max(1, ...[...bars.values()].map((bar) => bar.number)));
+    const most = Math.max(1, ...[...bars.values()].map((bar) => bar.number));
+    const tall = (number) => (Math.log1p(number) / tallest) * (bottom - 10);
     context.font = "12px ui-sans-serif, system-ui, sans-serif";
+    // Cycles: decades that have room.
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    for (let decade = 1, last = Infinity; decade <= most; decade *= 10) {
+      const y = bottom - tall(decade);
+      if (last - y < 16) continue;
+      last = y;
+      context.fillStyle = palette.grid;
+      context.fillRect(left, Math.round(y), width - left, 1);
+      context.fillStyle = palette.faint;
+      context.fillText(decade < 1000 ? decade : decade < 1e6 ? `${decade / 1000}k` : `${decade / 1e6}M`, left - 5, y);
+    }
     context.textAlign = "center";
     context.textBaseline = "alphabetic";
     for (let decade = 10 ** Math.ceil(Math.log10(low)); decade <= high; decade *= 10) {
       context.fillStyle = palette.grid;
       context.fillRect(Math.round(x(decade)), 4, 1, bottom - 4);
       const text = `${span(decade / 1e9).replace(/\.0+(?= )/, "")}`;
-      if (x(decade) > 20 && x(decade) < width - 22) { context.fillStyle = palette.faint; context.fillText(text, x(decade), height - 5); }
+      if (x(decade) > left + 12 && x(decade) < width - 22) { context.fillStyle = palette.faint; context.fillText(text, x(decade), height - 5); }
     }
     for (const [from, { size, number }] of bars) {
-      const left = x(from), right = Math.max(left + 1.5, x(from + size) - 0.5);
-      const high = Math.max(2, (Math.log1p(number) / tallest) * (bottom - 10));
+      const begin = x(from), end = Math.max(begin + 1.5, x(from + size) - 0.5), high = Math.max(2, tall(number));
       context.fillStyle = from > p99 ? palette.ready : palette.accent;
-      context.fillRect(left, bottom - high, right - left, high);
+      context.fillRect(begin, bottom - high, end - begin, high);
     }
     context.fillStyle = palette.line;
-    context.fillRect(0, bottom, width, 1);
+    context.fillRect(left, bottom, width - left, 1);
     context.fillStyle = palette.text;
     for (const nanos of [p50, p99]) context.fillRect(Math.round(x(nanos)), bottom - 4, 1.5, 8);
   }

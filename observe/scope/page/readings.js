@@ -1,6 +1,6 @@
 // The table below the plot: values at the cursors, and statistics of what the plot shows.
 
-import { $, make, put, number, span, instant } from "./text.js";
+import { $, alike, make, put, number, span, instant } from "./text.js";
 
 const CURSORS = ["A", "B", "B − A"], STATISTICS = ["mean", "rms", "min", "max"];
 
@@ -32,16 +32,16 @@ export class Readings {
     if (cursors.on) this.fill("", 0, [instant(a, signals.span / 1e4), instant(b, signals.span / 1e4), `${span(b - a)}${b === a ? "" : ` · ${number(1 / Math.abs(b - a))} Hz`}`]);
     if (statistics) this.fill("", cursors.on ? 3 : 0, [`${instant(Math.max(0, from), signals.span / 1e3)} to ${instant(to, signals.span / 1e3)}`]);
     for (const { key, signal: { series, unit }, element } of curves) {
-      const values = [];
+      const texts = [];
       if (cursors.on) {
         const at = series.at(a, element), then = series.at(b, element);
-        values.push(at, then, then - at);
+        texts.push(...alike([at, then, then - at]));
       }
       if (statistics) {
         const { mean, rms, least, most } = series.statistics(element, from, to);
-        values.push(mean, rms, least, most);
+        texts.push(...[mean, rms, least, most].map(number));
       }
-      this.fill(key, 0, values.map((value) => number(value) + (unit ? ` ${unit}` : "")));
+      this.fill(key, 0, texts.map((text) => text + (unit ? ` ${unit}` : "")));
     }
   }
 

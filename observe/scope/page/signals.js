@@ -14,6 +14,7 @@ import { XY } from "./xy.js";
 import { exportCsv, exportPng } from "./export.js";
 
 const SHORTEST = 20e-6, LONGEST = 1e7;
+const FOLLOWED = 10; // seconds of a run that are shown while it goes on
 
 // The range of an axis is wider than this: its ends differ by far more than the rounding of a number.
 const narrowest = (low, high) => Math.max(Math.abs(low), Math.abs(high)) * 1e-12;
@@ -27,7 +28,7 @@ export class Signals {
     this.empty = $(".empty", this.root);
     this.painter = new Painter();
     this.layout = "stack";
-    this.span = 10;
+    this.chosenSpan = null; // until then the plot fits the run
     this.end = null; // of the plot, while it does not follow
     this.trigger = new Trigger(this);
     this.cursors = new Cursors(this);
@@ -96,12 +97,19 @@ export class Signals {
     return true;
   }
 
-  // The plot's instants.
+  // What the plot shows of time: all of a file, or of a run that has ended, and the last seconds of one that goes on, unless another span was chosen.
+  get span() {
+    const { ended, until, last } = this.model;
+    return this.chosenSpan ?? Math.max(0.01, until > 0 || ended !== null ? last : Math.min(FOLLOWED, this.clock.now));
+  }
+  set span(span) { this.chosenSpan = span; }
+
+  // The plot's instants. Nothing lies before the first.
   window() {
     let to = this.end ?? this.clock.now;
     if (this.clock.live) to = this.trigger.end ?? to;
     if (!this.clock.live && this.clock.speed > 0) this.end = to = this.clock.now;
-    this.to = to;
+    this.to = to = Math.max(to, this.span);
     return [to - this.span, to];
   }
 
@@ -253,8 +261,8 @@ export class Signals {
   }
 
   // Values that get a label: round ones, if two of them have room, else the ends. `apart`: pixels from one to the next.
-  ticks({ low, high, top, bottom }, apart = 16) {
-    for (const room of [apart, 11]) {
+  ticks({ low, high, top, bottom }, apart = 40) {
+    for (const room of [apart, 16, 11]) {
       const all = multiples(step(low, high, Math.max(1, (bottom - top) / room)), low, high);
       if (all.length > 1) return all;
     }
@@ -321,7 +329,8 @@ export class Signals {
     for (const lane of this.lanes) {
       const { scale } = lane;
       for (const { row, colour } of lane.curves) {
-        painter.curve(row.columns.least, row.columns.most, row.columns.least.length, Math.round(this.left * ratio), (scale.low - row.offset) / row.gain, (scale.high - row.offset) / row.gain, scale.top * ratio, scale.bottom * ratio, Painter.colour(colour), thick * ratio);
+        const { least, most } = row.columns;
+        painter.curve(least, most, least.length, Math.round(this.left * ratio), (scale.low - row.offset) / row.gain, (scale.high - row.offset) / row.gain, scale.top * ratio, scale.bottom * ratio, Painter.colour(colour), thick * ratio);
       }
     }
     painter.show(context);

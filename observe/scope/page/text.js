@@ -55,6 +55,14 @@ export function number(value) {
   return value.toFixed(Math.min(digits, 4)).replace("-", "−");
 }
 
+// Two values and their difference, with as many digits behind the point as the finer of the two has.
+export function alike([a, b, difference]) {
+  const texts = [a, b].map(number);
+  if (![a, b].every(isFinite) || texts.some((text) => text.includes("e"))) return [...texts, number(difference)];
+  const digits = Math.max(...texts.map((text) => text.split(".")[1]?.length ?? 0));
+  return [a, b, difference].map((value) => value.toFixed(digits).replace("-", "−"));
+}
+
 export const count = (value) => Math.round(value).toString().replace(/\B(?=(\d{3})+$)/g, "\u2009");
 
 // An instant since the recording began, as fine as it is looked at.

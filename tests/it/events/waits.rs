@@ -1,6 +1,7 @@
 //! What a process waits for.
 
 use super::*;
+use futures_lite::future::poll_once;
 
 /// What a process waits for at the end of each turn that does not leave it ready: the kind, and the
 /// name of a channel or loop.
@@ -139,6 +140,35 @@ fn what_is_done_in_the_turn_in_which_it_was_to_wait_is_not_waited_for() -> luna:
     let decoded = Decoded::read(&memory);
     assert_eq!(
         waits(&decoded, "hasty")[0],
+        (Subject::Channel as u64, "last")
+    );
+    Ok(())
+}
+
+#[test]
+fn what_was_dropped_before_it_came_is_not_waited_for() -> luna::Result<()> {
+    let mut system = System::new("fickle");
+    let memory = recorded(&mut system);
+    let safety = system.safety();
+    let main = system.executor("main").build()?;
+    let (silent, never) = luna::channel::<u8>();
+    let (later, last) = luna::channel::<u8>();
+    let last = last.named("last");
+    main.process("fickle").priority(2).spawn(async move {
+        assert_eq!(poll_once(never.ended()).await, None);
+        assert_eq!(poll_once(safety.safe_state_entered()).await, None);
+        assert_eq!(last.recv().await, Ok(3));
+        Ok(())
+    })?;
+    main.process("last").priority(1).spawn(async move {
+        later.send(3).await?;
+        drop(silent);
+        Ok(())
+    })?;
+    system.run()?;
+    let decoded = Decoded::read(&memory);
+    assert_eq!(
+        waits(&decoded, "fickle")[0],
         (Subject::Channel as u64, "last")
     );
     Ok(())

@@ -10,10 +10,10 @@ use crate::wait_point::WaitQueues;
 use crate::waiter::Waiter;
 use alloc::collections::VecDeque;
 use core::fmt;
-use core::ops::{Deref, DerefMut};
+use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::biased_lock::BiasedGuard;
-use luna_core::current::{self, Inheritor, PendingWake, Priority, WakeHandle};
+use luna_core::current::{Here, Inheritor, PendingWake, Priority};
 use luna_platform::sync::atomic::Ordering;
 
 /// Result of an operation under the lock.
@@ -57,6 +57,8 @@ pub struct ChannelGuard<'a, T, L> {
     pub(super) channel: &'a Channel<T>,
     /// The lists of `channel`.
     pub(crate) lists: L,
+    /// The thread that holds the lock.
+    pub(super) here: Here<'a>,
 }
 
 impl<T, L> fmt::Debug for ChannelGuard<'_, T, L> {
@@ -68,7 +70,7 @@ impl<T, L> fmt::Debug for ChannelGuard<'_, T, L> {
 /// A channel guard that holds the lock itself.
 pub(crate) type Locked<'a, T> = ChannelGuard<'a, T, BiasedGuard<'a, WaitQueues>>;
 
-impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
+impl<'a, T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'a, T, L> {
     #[inline]
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
         let lists = &mut *self.lists;
@@ -86,6 +88,12 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// count.
     pub(crate) fn is_ready(&mut self) -> bool {
         self.lists.ending != Ending::Open || !self.lists.senders.is_empty() || self.lists.is_storing
+    }
+
+    /// The thread that holds the lock.
+    #[inline]
+    pub(crate) fn here(&self) -> Here<'a> {
+        self.here
     }
 
     /// Reports to the registered alternatives that the channel is ready. They are then to be
@@ -118,20 +126,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// `node` was begun, as a sender's with its value or with what makes it, or as a receiver's
     /// without. It is not listed, and stays where it is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn list(
-        &mut self,
-        is_sender: bool,
-        node: NonNull<Waiter<T>>,
-        wake_handle: Option<WakeHandle>,
-    ) {
-        let priority = current::priority();
+    pub(crate) unsafe fn list(&mut self, is_sender: bool, node: NonNull<Waiter<T>>) {
         let lists = &mut *self.lists;
         // SAFETY: the node is in no list, stays where it is, and its future withdraws it before it
         // goes, as is demanded here. It was begun, so its link can be read. The wait node is its
         // first field.
         unsafe {
             if is_sender {
-                lists.senders.insert(node.cast(), priority, wake_handle);
+                lists.senders.insert_again(node.cast());
                 self.boost_while_they_wait();
                 self.announce();
             } else {
@@ -139,7 +141,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                     lists.extends = true;
                     lists.find_whether_plain();
                 }
-                lists.receivers.insert(node.cast(), priority, wake_handle);
+                lists.receivers.insert_again(node.cast());
             }
         }
     }
@@ -190,7 +192,14 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     }
 }
 
-impl<T> Locked<'_, T> {
+impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
+    /// Lists the operations that wait on the hand-off slots: from here on all is as if there were
+    /// no hand-off slots.
+    #[inline]
+    pub(crate) fn list_from_slots(&mut self) {
+        self.channel.wait_point.clear_slots(&mut self.lists);
+    }
+
     /// Releases the lock, and wakes the registered alternatives with a report made under it.
     #[inline]
     pub(crate) fn release(self) {

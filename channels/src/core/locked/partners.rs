@@ -5,13 +5,13 @@ use crate::alternative::Entry;
 use crate::replay::Stamped;
 use crate::wait_point::{WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
-use core::ops::{Deref, DerefMut};
+use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::current::Priority;
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 
-impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
+impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     /// Claims the first registered alternative that waits and that `accepts` admits for its
     /// priority. Its node stays listed.
     #[cold]

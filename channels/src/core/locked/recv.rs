@@ -8,12 +8,12 @@ use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::Waiter;
 use alloc::vec::Vec;
 use core::hint::cold_path;
-use core::ops::{Deref, DerefMut};
+use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::current::PendingWake;
-use luna_core::{current, events};
+use luna_core::events;
 
-impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
+impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     /// Receives into `node` at once, if possible. O(1).
     ///
     /// # Safety
@@ -26,7 +26,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         node: NonNull<Waiter<T>>,
         extended: bool,
     ) -> Attempted {
-        self.lists.receiver = LastUser::of(current::user());
+        self.lists.receiver = LastUser::of(self.here.user());
         if self.lists.is_unusual {
             cold_path();
             if self.lists.ending == Ending::Poisoned {

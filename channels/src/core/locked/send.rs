@@ -9,14 +9,14 @@ use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
 use core::hint::cold_path;
-use core::ops::{Deref, DerefMut};
+use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
 use luna_core::current::{PendingWake, WakeHandle};
-use luna_core::{current, events};
+use luna_core::events;
 use luna_platform::sync::atomic::Ordering;
 
-impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
+impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     /// Records that the current process gives its value to this receiver.
     ///
     /// # Safety
@@ -64,7 +64,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         node: NonNull<Offered<T, S>>,
         cx: Option<&Context<'_>>,
     ) -> Attempted {
-        self.lists.sender = LastUser::of(current::user());
+        self.lists.sender = LastUser::of(self.here.user());
         if self.lists.is_unusual {
             cold_path();
             if self.lists.ending != Ending::Open {
@@ -176,15 +176,15 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 return Attempted::Done(Waiter::settle(receiver, Outcome::Done));
             }
             let node = node.cast::<Waiter<T>>();
-            Waiter::begin(node, false, None, S::MAKE);
+            // A waker is not cloned under the lock: the future finds no wake handle, and brings
+            // one.
+            let waits = (self.here, WakeHandle::without_waker(cx));
+            Waiter::begin_as(node, waits, false, None, S::MAKE);
+            let priority = (*Waiter::link(node)).wait.priority();
             Waiter::put_order(node, stamp);
             let ticket = self.next_ticket();
             (*Waiter::link(receiver)).ticket = ticket;
-            let priority = current::priority();
-            // A waker is not cloned under the lock: the future finds no wake handle, and brings
-            // one.
-            let wake_handle = WakeHandle::without_waker(cx);
-            self.lists.held.insert(node.cast(), priority, wake_handle);
+            self.lists.held.insert_again(node.cast());
             Self::hold(node, ticket);
             // Before it is woken.
             boost_to_receiver(receiver, priority);

@@ -3,7 +3,6 @@
 use super::Record;
 use crate::events::{self, code::ended};
 use crate::process::exit_value::{ErasedExitValue, ExitValue};
-use crate::process::join::JoinNode;
 use crate::process::{Exit, panic_message};
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -96,22 +95,12 @@ impl Record {
         unsafe { self.seen.forget() };
         self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
-        while let Some(node) = shown.joining.pop() {
+        while let Some(wake) = shown.joining.take(|()| true) {
             // No further waiter can come.
             let is_last = shown.joining.is_empty();
-            // SAFETY: a node in the list is live and guarded by the lock that is held; its join
-            // uses it no more once it is not listed.
-            let wake_handle = unsafe {
-                let node = node.cast::<JoinNode>().as_ptr();
-                let wake_handle = (*node).wait.wake_handle_mut().take();
-                (*node).listed.store(false, Ordering::Release);
-                wake_handle
-            };
             drop(shown);
-            if let Some(wake_handle) = wake_handle {
-                // The other waiters are notified all the same.
-                wake_handle.take().wake_contained();
-            }
+            // The other waiters are notified all the same.
+            wake.wake_contained();
             if is_last {
                 return;
             }

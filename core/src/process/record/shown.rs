@@ -2,7 +2,7 @@
 
 use super::RawExit;
 use crate::current::Process;
-use crate::wait_list::WaitList;
+use crate::waiting::OpList;
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, Ordering};
 
@@ -80,7 +80,7 @@ impl Seen {
 
 /// State that other threads read and change.
 pub(in crate::process) struct Shown {
-    pub(in crate::process) joining: WaitList,
+    pub(in crate::process) joining: OpList<()>,
     /// Of a process that has ended, with what is to be taken.
     pub(in crate::process) exit: RawExit,
 }
@@ -88,7 +88,7 @@ pub(in crate::process) struct Shown {
 impl Shown {
     pub(in crate::process) const fn nothing() -> Self {
         Self {
-            joining: WaitList::new(),
+            joining: OpList::new(),
             exit: RawExit::Completed,
         }
     }

@@ -20,7 +20,7 @@ fn the_address_restores_the_layout() {
     browser.wait("[...scope.views.signals.chosen].join() === 'tilt/angle,imu/acceleration[0]'");
     browser.run("scope.views.signals.rows.get('tilt/angle').adjust(-2, 5)");
     browser.key("s");
-    browser.run("scope.views.signals.zoom(0.5)");
+    browser.run("scope.views.signals.span = 10; scope.views.signals.zoom(0.5)");
     browser.frames(3);
     browser.run("scope.views.signals.zoomY(0.5, scope.views.signals.lanes[0])");
     let held = browser.run("JSON.stringify([...scope.views.signals.held].map(([key, { low, high }]) => [key, low, high]))");

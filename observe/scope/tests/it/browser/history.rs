@@ -56,7 +56,7 @@ fn a_page_that_comes_late_counts_from_the_start_and_says_what_is_gone() {
         number(&before[0]) < -20.0 && number(&before[1]) > 20.0,
         "{before}"
     );
-    browser.run("scope.views.signals.zoom(0.1)");
+    browser.run("scope.views.signals.span = 1");
     let bar = browser.middle("#whole");
     browser.drag(bar, (bar.0 - 300.0, bar.1));
     browser.wait("!scope.clock.live && scope.views.signals.end < 3.2 && document.querySelector('#whole').ariaValueNow < 2.8");

@@ -1,6 +1,7 @@
 //! The plot: time, trigger, cursors, export.
 
 use super::{PICTURE, is_content, live, number, picture, still};
+use serde_json::Value;
 
 #[test]
 fn plots_move_pause_pan_and_zoom() {
@@ -196,9 +197,44 @@ fn one_signal_is_drawn_over_another() {
     let at = browser.run("(() => { const box = document.querySelector('#plot').getBoundingClientRect(); return [box.x + box.width / 2, box.bottom - 14]; })()");
     browser.wheel((number(&at[0]), number(&at[1])), -120.0);
     browser.wait(&format!("{x} < {before} * 0.9"));
-    assert_eq!(browser.run("scope.views.signals.span"), 10);
+    assert_eq!(browser.run("scope.views.signals.chosenSpan"), Value::Null);
     assert!((number(&browser.run(&y)) - number(&beside)).abs() < 0.2 * number(&beside));
     browser.key("y");
     browser.wait(&format!("{x} > {before} * 0.9"));
+    is_content(&browser);
+}
+
+#[test]
+fn a_plot_fits_the_run_and_shows_nothing_before_it() {
+    let Some((browser, _scope)) = still("fits") else {
+        return;
+    };
+    let window = "scope.views.signals.window()";
+    browser.frames(2);
+    let shown = browser.run(&format!("[...{window}, scope.clock.now]"));
+    assert_eq!(number(&shown[0]), 0.0, "{shown}");
+    assert!(number(&shown[1]) > 1.5, "{shown}");
+    // A longer span leaves room behind the run, and none before it.
+    browser.run("scope.views.signals.span = 100");
+    let shown = browser.run(window);
+    assert_eq!(
+        (number(&shown[0]), number(&shown[1])),
+        (0.0, 100.0),
+        "{shown}"
+    );
+    browser.run("scope.views.signals.pan(5000)");
+    assert_eq!(number(&browser.run(window)[0]), 0.0);
+    is_content(&browser);
+}
+
+#[test]
+fn differences_have_as_many_digits_as_their_values() {
+    let Some((browser, _scope)) = still("digits") else {
+        return;
+    };
+    browser.click("#cursors");
+    browser.wait("document.querySelectorAll('#readings tbody tr').length === 7");
+    let digits = "[...document.querySelectorAll('#readings tbody tr')].slice(1).map((row) => new Set([...row.querySelectorAll('td')].slice(0, 3).map((cell) => cell.textContent.split(' ')[0].split('.')[1]?.length ?? 0)).size)";
+    browser.wait(&format!("{digits}.every((sizes) => sizes === 1)"));
     is_content(&browser);
 }

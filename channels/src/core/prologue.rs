@@ -1,20 +1,20 @@
-//! Communication between two processes of one executor by sends, receives and guards of
-//! alternatives: nearly every communication.
+//! The prologue of a plain send or receive between processes of one executor: nearly every
+//! communication.
 //!
-//! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
-//! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
-//! is cloned or called; at most one alternative is registered, no call is served, no buffer
-//! overwrites; the process is neither traced nor has a replay log. Whenever one of these
-//! conditions does not hold, no value has moved, and the operation takes the slow path.
+//! It is the same protocol as under the lock in any other way (`Operation::attempt_under`), without
+//! branches for what is not there: the lock is biased to the executor, so it is taken and left by
+//! plain stores; no waker is cloned or called; the process is neither traced nor has a replay log.
+//! The lock's word says what waits. Where that is none of the cases below, no value has moved, and
+//! the operation goes on under the lock that was taken here.
 //!
 //! ```text
-//!   plain turn? --> lock biased to this executor? --> what waits, one word?
-//!      | no              | no                           | nothing: the node waits alone
-//!      '--> slow path <--'                              | a partner alone: move, leave, ready it
-//!                ^                                      | a guard alone: commit it, then as above
-//!                |                                      | a registered alternative: as a guard
-//!                |                                      | a buffer: store or take a value
-//!                '--------------------------------------' anything else
+//!   lock biased to this executor? --> what waits, one word?
+//!      | no                             | nothing: the node waits alone
+//!      v                                | a partner alone: move, leave, ready it
+//!   takes the lock                      | a guard alone: commit it, then as above
+//!      |                                | a registered alternative: as a guard
+//!      |                                | a buffer with room, or with a value: store or take it
+//!      '-----> any other case <---------' queues
 //! ```
 //!
 //! A node that waits alone belongs to a process of this very executor: only the executor that owns
@@ -23,23 +23,17 @@
 //! [`meet`] does not depend on the type of the values, so all channels share one copy of it for
 //! each direction. A system has processes of many kinds, and its channels many types: with a copy
 //! for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between its
-//! cycles waits for its code more than it computes (docs/internals/performance.md, "After a sleep").
-
-mod guards;
-mod queued;
-
-pub(super) use guards::{give_revoked, guard_refuses, not_committed};
-pub(crate) use queued::{part_alone, part_queued};
+//! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
 
 use super::Channel;
+use crate::alternative::{Commit, commit, take_first};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
+use core::hint::assert_unchecked;
 use core::ptr::NonNull;
-use guards::meet_guard;
 use luna_core::biased_lock::{InsideGuard, Refused};
 use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
-use queued::meet_otherwise;
 
 /// Result of an operation on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,8 +44,10 @@ pub(crate) enum FastPath {
     Waits,
     /// It is done, and the process is queued again: others run first.
     GaveWay,
-    /// Fast path unavailable: no value has moved, and the operation is as new. Take the slow path.
-    /// Stale guards of alternatives may have been taken off.
+    /// No value has moved, and the operation is as new. The lock was [kept](InsideGuard::keep): the
+    /// operation goes on under it.
+    Inside,
+    /// Nothing has happened: the lock is not biased to this executor.
     No,
 }
 
@@ -130,7 +126,7 @@ unsafe fn meet<const SEND: bool>(
         }
         match waiting.guard(!SEND) {
             Some(guard) => meet_guard::<SEND>(wait_point, node, turn, guard),
-            None => meet_otherwise::<SEND>(channel, node, turn),
+            None => meet_queues::<SEND>(channel, node, turn),
         }
     }
 }
@@ -155,6 +151,73 @@ unsafe fn meet_store<const SEND: bool>(
             false => (values.take)(channel, node, turn),
         }
     }
+}
+
+/// As the rest of [`meet`], where a guard waits alone for an operation of this side: its
+/// alternative is committed first.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lock was kept, and `guard` waits alone for an operation of this side.
+#[inline(never)]
+unsafe fn meet_guard<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+    guard: NonNull<WaitNode>,
+) -> FastPath {
+    // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
+    // its select state, and no other thread can withdraw it under the lock: so `commit` finds that
+    // live. A stale guard is settled before `wait_alone` overwrites its note; a chosen one is taken
+    // off for `give`.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
+        match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
+            Commit::Chosen(ready) => {
+                lists.set_nothing_waits();
+                give::<SEND>(wait_point, lists, node, (guard, ready), turn)
+            }
+            Commit::Stale => {
+                Waiter::<()>::settle_stale(guard.cast());
+                wait_alone::<SEND>(wait_point, lists, node, turn)
+            }
+            Commit::No => go_on_inside(lists),
+        }
+    }
+}
+
+/// As the rest of [`meet`], where something else waits, or has waited until now.
+///
+/// # Safety
+///
+/// As for [`meet`]; the lock was kept.
+#[cold]
+#[inline(never)]
+unsafe fn meet_queues<const SEND: bool>(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the channel is live, as for `meet`. The lock was kept, and is taken back once. `send`
+    // and `recv` are called without it, with the node as it was given.
+    unsafe {
+        let mut lists = channel.as_ref().kept(turn);
+        if !lists.leave_queues() {
+            return go_on_inside(lists);
+        }
+        drop(lists);
+        match SEND {
+            true => send(channel, node, turn),
+            false => recv(channel, node, turn),
+        }
+    }
+}
+
+/// The operation goes on under the lock.
+#[inline(always)]
+pub(super) fn go_on_inside(lists: InsideGuard<'_, WaitQueues>) -> FastPath {
+    lists.keep();
+    FastPath::Inside
 }
 
 /// Lets the operation wait alone.
@@ -446,4 +509,153 @@ fn leave_revoked(wait_point: &WaitPoint, turn: PlainTurn<'_>) -> FastPath {
 #[inline(never)]
 fn give_way(turn: PlainTurn<'_>) -> FastPath {
     FastPath::done(turn)
+}
+
+/// Lets a partner go that waits alone and that an alternative has met, after the value was moved.
+/// The lock was kept.
+///
+/// # Safety
+///
+/// This thread has kept the lock, and the value was moved. The partner waits alone.
+#[inline(always)]
+pub(crate) unsafe fn part_alone(
+    wait_point: &WaitPoint,
+    partner: NonNull<WaitNode>,
+    by_sender: bool,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the lock was kept, the value was moved, and the partner waits alone, as is demanded
+    // here and there.
+    unsafe {
+        match by_sender {
+            true => part_kept::<true>(wait_point, partner, turn),
+            false => part_kept::<false>(wait_point, partner, turn),
+        }
+    }
+}
+
+/// # Safety
+///
+/// As for [`part_alone`]: the lock was kept, the value was moved, and the partner waits alone.
+#[inline(never)]
+unsafe fn part_kept<const SEND: bool>(
+    wait_point: &WaitPoint,
+    partner: NonNull<WaitNode>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the lock was kept, and is taken back once. The partner waits alone, as `part`
+    // demands.
+    unsafe { part::<SEND>(wait_point, wait_point.kept(turn), partner, turn) }
+}
+
+/// As [`part_alone`], for the first partner of a queue.
+///
+/// # Safety
+///
+/// This thread has kept the lock, of a plain channel without a buffer, and the value was moved. The
+/// partner is the first of its queue and a plain operation, of which
+/// [`Waiter::has_plain_wake_handle`] is true.
+#[cold]
+#[inline(never)]
+pub(crate) unsafe fn part_queued(
+    wait_point: &WaitPoint,
+    by_sender: bool,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
+    // without a buffer, as is demanded here. The partner was taken off, as `depart` demands.
+    unsafe {
+        let mut lists = wait_point.kept(turn);
+        let queue = match by_sender {
+            true => lists.waiting_for::<true>(),
+            false => lists.waiting_for::<false>(),
+        };
+        match (take_first(queue, turn), by_sender) {
+            (Some(Some(partner)), true) => depart::<true>(wait_point, lists, partner, turn),
+            (Some(Some(partner)), false) => depart::<false>(wait_point, lists, partner, turn),
+            _ => unreachable!("the first of a queue has changed under the lock"),
+        }
+    }
+}
+
+impl<T> Channel<T> {
+    /// Stores the value of a sender, if there is room.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Meet`], of a send at a channel with a buffer where nothing waits.
+    pub(super) unsafe fn store_fast(
+        channel: NonNull<WaitPoint>,
+        node: NonNull<Waiter<()>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: `channel` leads to a whole channel of values of this type, whose first field is
+        // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
+        // demands that. This thread has kept the lock, which guards the store too, and takes it
+        // back once. A new send's node holds a value. The store of such a buffer was made with room
+        // for all that the buffer holds, and one that is not full has room for one more.
+        unsafe {
+            let this = channel.cast::<Self>().as_ref();
+            let mut lists = this.wait_point.kept(turn);
+            let is_stored = this.store.with_mut(|store| {
+                let store = &mut *store;
+                if store.len() >= this.capacity() {
+                    return false;
+                }
+                assert_unchecked(store.len() < store.capacity());
+                store.push_back(Waiter::take_value_of(node.cast::<Waiter<T>>()));
+                true
+            });
+            if !is_stored {
+                return go_on_inside(lists);
+            }
+            lists.note_user(true, LastUser::process(turn.process().id()));
+            lists.is_storing = true;
+            leave_done(&this.wait_point, lists, turn)
+        }
+    }
+
+    /// Receives a stored value, or lets the receiver wait.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Meet`], of a receive at a channel with a buffer where nothing waits.
+    pub(super) unsafe fn take_stored_fast(
+        channel: NonNull<WaitPoint>,
+        node: NonNull<Waiter<()>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // SAFETY: `channel` leads to a whole channel of values of this type, whose first field is
+        // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
+        // demands that. This thread has kept the lock, which guards the store too, and takes it
+        // back once. Where a value is stored, `pop_front` returns one. A new receive's node holds
+        // none, and only its future knows it. Else nothing waits, as `wait_alone` demands.
+        unsafe {
+            let this = channel.cast::<Self>().as_ref();
+            let mut lists = this.wait_point.kept(turn);
+            let stored = this.store.with(|store| (*store).len());
+            if stored == 0 {
+                return wait_for_value(&this.wait_point, lists, node, turn);
+            }
+            let value = this.store.with_mut(|store| (*store).pop_front());
+            Waiter::put_value_of(node.cast::<Waiter<T>>(), value.unwrap_unchecked());
+            lists.note_user(false, LastUser::process(turn.process().id()));
+            lists.is_storing = stored > 1;
+            leave_done(&this.wait_point, lists, turn)
+        }
+    }
+}
+
+/// # Safety
+///
+/// As for [`wait_alone`], of a receive.
+#[inline(never)]
+unsafe fn wait_for_value(
+    wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: as is demanded here.
+    unsafe { wait_alone::<false>(wait_point, lists, node, turn) }
 }
