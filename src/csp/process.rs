@@ -182,12 +182,6 @@ pub(crate) trait Phases: Send {
     fn words(&self) -> Vec<usize>;
 }
 
-/// Runs `pre_run`. Its panic is an error as any other.
-pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
-    panics::catch(|| resident.pre_run())
-        .unwrap_or_else(|payload| Err(Error::Panicked(luna_core::panic_message(&*payload))))
-}
-
 /// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic
 /// hook reports, must not keep the other processes from being cleaned up. Returns the panic.
 pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
@@ -298,6 +292,15 @@ thread_local! {
 }
 
 impl Common {
+    /// Runs `pre_run` where loops and signals that are made are the system's. Its panic is an error
+    /// as any other.
+    pub(crate) fn prepare(&self, resident: &mut dyn Phases) -> Result<()> {
+        let _scope = self.scope.clone().enter_until_dropped(true);
+        let _log = self.log.enter();
+        panics::catch(|| resident.pre_run())
+            .unwrap_or_else(|payload| Err(Error::Panicked(luna_core::panic_message(&*payload))))
+    }
+
     /// Makes this what the calling thread's bodies have in common.
     pub(super) fn enter_thread(self: &Arc<Self>) {
         let is_entered = |entered: &Option<Arc<Self>>| {

@@ -134,27 +134,14 @@ impl Ledger {
 
     /// Notes it, and returns whether it is the first.
     fn overdue(&self, kind: BudgetKind, budget: Duration, began: Instant, now: Instant) -> bool {
-        let taken = now - began;
         let mut books = self.books.lock();
         if books.offence.is_some() {
             return false;
         }
-        books.offence = Some(Error::BudgetOverrun {
-            kind,
-            budget,
-            taken,
-        });
-        books.counted = Some((kind, began));
-        let overruns = books.overruns(kind);
-        overruns.count += 1;
         // What the kernel has counted of the thread is not known here.
-        let worst = BudgetOverrun {
-            at: began,
-            taken,
-            of_loop: None,
-            usage: None,
-        };
-        overruns.worst.get_or_insert((worst, None));
+        let overrun = BudgetOverrun::new(began, now - began, None);
+        books.note(kind, budget, (overrun, None), true);
+        books.counted = Some((kind, began));
         true
     }
 
@@ -169,35 +156,14 @@ impl Ledger {
         began: Instant,
         now: Instant,
     ) {
-        let taken = now - began;
+        let policy = self.on_overrun();
         let mut books = self.books.lock();
-        let usage = books.accounting.turn(now);
-        let was_counted = books.counted == Some((kind, began));
-        let overruns = books.overruns(kind);
-        overruns.count += u64::from(!was_counted);
-        let worst = overruns.worst.as_ref();
-        if worst.is_none_or(|(worst, _)| worst.taken < taken) {
-            let worst = BudgetOverrun {
-                at: began,
-                taken,
-                of_loop: None,
-                usage,
-            };
-            overruns.worst = Some((worst, of_loop));
-        }
-        let ends = matches!(self.on_overrun(), OnOverrun::Poison | OnOverrun::Emergency);
-        let is_first = ends && books.offence.is_none();
-        if is_first {
-            books.offence = Some(Error::BudgetOverrun {
-                kind,
-                budget,
-                taken,
-            });
-        }
-        let is_news =
-            self.on_overrun() == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
+        let overrun = BudgetOverrun::new(began, now - began, books.accounting.turn(now));
+        let ends = matches!(policy, OnOverrun::Poison | OnOverrun::Emergency);
+        let is_first = books.note(kind, budget, (overrun, of_loop), ends);
+        let is_news = policy == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
         drop(books);
-        match (self.on_overrun(), self.system.get()) {
+        match (policy, self.system.get()) {
             (OnOverrun::Poison, _) => self.ended_for_overrun.store(true, Ordering::Relaxed),
             (OnOverrun::Warn, Some((_, registry))) if is_news => registry.announce(),
             (OnOverrun::Emergency, Some((emergency, _))) if is_first => {
@@ -263,6 +229,34 @@ impl Ledger {
 }
 
 impl Books {
+    /// Counts an overrun, once also if it was found before it ended, and keeps the worst. Returns
+    /// whether the process or the system is to end for it, and was not yet.
+    fn note(
+        &mut self,
+        kind: BudgetKind,
+        budget: Duration,
+        overrun: (BudgetOverrun, Option<LoopName>),
+        ends: bool,
+    ) -> bool {
+        let BudgetOverrun { at, taken, .. } = overrun.0;
+        let was_counted = self.counted == Some((kind, at));
+        let overruns = self.overruns(kind);
+        overruns.count += u64::from(!was_counted);
+        let worst = overruns.worst.as_ref();
+        if worst.is_none_or(|(worst, _)| worst.taken < taken) {
+            overruns.worst = Some(overrun);
+        }
+        let is_first = ends && self.offence.is_none();
+        if is_first {
+            self.offence = Some(Error::BudgetOverrun {
+                kind,
+                budget,
+                taken,
+            });
+        }
+        is_first
+    }
+
     fn overruns(&mut self, kind: BudgetKind) -> &mut Overruns {
         match kind {
             BudgetKind::Poll => &mut self.poll,

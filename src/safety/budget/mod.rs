@@ -45,6 +45,17 @@ pub struct BudgetOverrun {
     pub usage: Option<UsageSince>,
 }
 
+impl BudgetOverrun {
+    fn new(at: Instant, taken: Duration, usage: Option<UsageSince>) -> Self {
+        Self {
+            at,
+            taken,
+            of_loop: None,
+            usage,
+        }
+    }
+}
+
 impl fmt::Display for BudgetReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let times = match self.overruns {

@@ -3,7 +3,7 @@
 use super::described::{Names, Placement, ProcessPlan};
 use super::running::{Running, Started};
 use super::{Members, Phase, Plan, duplicate};
-use crate::csp::process::{clean_up, prepare};
+use crate::csp::process::clean_up;
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
 use luna_core::ProcessHandle;
@@ -148,10 +148,8 @@ impl Plan {
         let _clock = running.common.clock.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
-            let _scope = running.common.scope.clone().enter_until_dropped(true);
-            let log = running.common.log.enter();
-            prepare(&mut **resident).map_err(|error| error.in_process(name))?;
-            drop(log);
+            let prepared = running.common.prepare(&mut **resident);
+            prepared.map_err(|error| error.in_process(name))?;
             members = self.members();
         }
         if members.phase == Phase::Ended {
