@@ -39,16 +39,16 @@ pub use luna_config::deployment::{DeploymentReport, Override};
 pub use luna_logger::EventsReport;
 #[cfg(feature = "logger")]
 pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
-pub use luna_platform::facts::RealTimeShare;
+pub use luna_machine::facts::RealTimeShare;
+pub use luna_machine::usage::ThreadUsage;
 pub use luna_platform::shortfall::Shortfall;
-pub use luna_platform::usage::ThreadUsage;
 pub use luna_replay::RecordReport;
 
 use crate::system::{ClockKind, Member};
 use crate::time::short;
 use luna_core::Exit;
 use luna_error::Deadlock;
-use luna_platform::signals;
+use luna_machine::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;
 use std::fmt;

@@ -129,12 +129,8 @@ impl SelectState {
 
     /// An [open](Self::open) one, for the process in its plain turn, where all wait points are
     /// biased to its executor: the commit lock is too.
-    ///
-    /// # Safety
-    ///
-    /// A wait point's lock is biased to the executor of this turn.
     #[inline(always)]
-    pub(crate) unsafe fn opened_fast(turn: PlainTurn<'_>) -> Self {
+    pub(crate) fn opened_fast(turn: PlainTurn<'_>) -> Self {
         Self {
             state: AtomicU32::new(OPEN_PLAINLY),
             needs_lock: AtomicBool::new(true),
@@ -143,9 +139,7 @@ impl SelectState {
                 User::Process(turn.process().id()),
                 turn.process().priority(),
             ),
-            // SAFETY: a turn is that of this thread; another lock is biased to its executor, as is
-            // demanded here.
-            commit_lock: unsafe { BiasedLock::biased_to(turn.executor_number(), ()) },
+            commit_lock: BiasedLock::biased_in(turn.here(), ()),
             ..Self::new()
         }
     }

@@ -177,15 +177,17 @@ impl<T> BiasedLock<T> {
 
     /// An unlocked lock around `value`, biased from the start to the executor of the calling
     /// thread, if it is one. For a thing that is used on this executor, and seldom elsewhere.
-    #[inline]
-    pub fn biased_to_this_executor(value: T) -> Self {
-        let lock = Self::new(value);
-        let executor = current::executor_number();
-        if executor != 0 && fence::is_available() {
-            // Relaxed: handing the lock to another thread publishes this store.
-            lock.bias.store(executor, Ordering::Relaxed);
+    #[inline(always)]
+    pub fn biased_in(here: Here<'_>, value: T) -> Self {
+        let executor = match here.executor_number() {
+            0 => NO_EXECUTOR,
+            executor if fence::is_available() => executor,
+            _ => NO_EXECUTOR,
+        };
+        Self {
+            bias: AtomicU64::new(executor),
+            ..Self::new(value)
         }
-        lock
     }
 
     /// Locks. Waits while another thread holds it.
@@ -289,21 +291,6 @@ impl<T> BiasedLock<T> {
             lock: self,
             executor,
             stays_on_its_thread: PhantomData,
-        }
-    }
-
-    /// An unlocked lock around `value`, biased to `executor` from the start. For a lock that is
-    /// made for a thing with other locks that have the same bias already.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread is that of the executor with the number `executor`, and some other lock
-    /// is biased to that executor: so the heavy fence is available.
-    #[inline(always)]
-    pub unsafe fn biased_to(executor: u64, value: T) -> Self {
-        Self {
-            bias: AtomicU64::new(executor),
-            ..Self::new(value)
         }
     }
 

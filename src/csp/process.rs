@@ -7,10 +7,10 @@ use crate::log::Log;
 use crate::safety::Emergency;
 use crate::time::Scope;
 use luna_core::{Announced, ExecutorHandle, ProcessHandle, ProcessRegistry, ProcessSpec};
+use luna_machine::memory::copy_words;
+use luna_machine::usage::ThreadUsage;
 use luna_platform::clock::Clock;
-use luna_platform::memory::copy_words;
 use luna_platform::panics;
-use luna_platform::usage::ThreadUsage;
 use luna_replay::session::ReplayLogs;
 use std::cell::RefCell;
 use std::future::Future;
@@ -177,8 +177,8 @@ luna_platform::debug_fields!(Prepared);
 pub(crate) trait Phases: Send {
     fn pre_run(&mut self) -> Result<()>;
     fn post_run(&mut self);
-    /// As [`words_of_body`](luna_core::ProcessHandle::words_of_body), of what the body
-    /// borrows.
+    /// The machine words of what the body
+    /// borrows, some of which are addresses.
     fn words(&self) -> Vec<usize>;
 }
 

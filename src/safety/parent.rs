@@ -4,7 +4,7 @@ use super::emergency::Emergency;
 use super::state::Cause;
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
-use luna_platform::parent::{ParentWatch, Watched};
+use luna_machine::parent::{ParentWatch, Watched};
 use luna_platform::thread::{self, Attributes, MINIMUM_STACK_SIZE, Policy, Thread};
 use std::convert::Infallible;
 use std::sync::Arc;

@@ -7,7 +7,7 @@ use crate::error::{Result, SetupError};
 use luna_config::deployment::Deployment;
 use luna_core::ProcessHandle;
 use luna_core::current::ProcessId;
-use luna_platform::facts::{Source, parse::core_list};
+use luna_machine::facts::{Source, parse::core_list};
 use luna_platform::thread::{Attributes, Policy};
 use std::sync::Arc;
 use std::time::Duration;

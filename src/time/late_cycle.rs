@@ -184,7 +184,7 @@ impl fmt::Display for LateCycle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use luna_platform::usage::ThreadUsage;
+    use luna_machine::usage::ThreadUsage;
 
     fn ms(millis: u64) -> Duration {
         Duration::from_millis(millis)

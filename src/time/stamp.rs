@@ -1,7 +1,8 @@
 //! Stamps: points in time that other computers read.
 
 use super::Conversion;
-use luna_platform::clock::{Clock, Synchronization, tai_nanos};
+use luna_machine::tai::{Synchronization, tai_nanos};
+use luna_platform::clock::Clock;
 use std::fmt;
 use std::io;
 use std::time::Duration;

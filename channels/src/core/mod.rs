@@ -26,6 +26,8 @@ mod registered;
 
 pub(crate) use hand_off::HandOff;
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
+#[cfg(all(test, loom))]
+pub(crate) use prologue::taken;
 pub(crate) use prologue::{FastPath, Meet, part_alone, part_queued, wake_partner};
 
 use crate::alternative::Entry;

@@ -2,7 +2,7 @@
 //! [`prologue`](super::prologue), with an [`Alternative`](crate::Alternative) on the receiving
 //! side.
 
-use super::prologue::{depart, go_on_inside, wait_alone};
+use super::prologue::{Plain, depart, go_on_inside};
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
@@ -41,7 +41,7 @@ impl<T> Channel<T> {
             };
             match committed {
                 None => go_on_inside(lists),
-                Some(None) => wait_alone::<true>(wait_point, lists, sender, turn),
+                Some(None) => Plain::<true>::new(channel, sender, turn).wait_alone(lists),
                 Some(Some(ready)) => {
                     let value = Waiter::<T>::take_value_of(sender.cast());
                     Waiter::<T>::put_value_of(node.cast(), value);

@@ -184,9 +184,9 @@ impl<T> Waiter<T> {
     }
 
     /// How the fast path moves values of this type from node to node. `None`: as one word, which
-    /// lies behind the link. A model watches values, so they have their own way there.
+    /// lies behind the link.
     pub(crate) const MOVER: Option<Mover> = match size_of::<T>() {
-        1..=8 if align_of::<T>() <= align_of::<Link>() && cfg!(not(loom)) => None,
+        1..=8 if align_of::<T>() <= align_of::<u64>() => None,
         _ => Some(Self::move_value),
     };
 
@@ -446,14 +446,12 @@ impl Waiter<()> {
     #[inline(always)]
     pub(crate) unsafe fn move_word(from: NonNull<Self>, to: NonNull<Self>) {
         // SAFETY: a type without a mover has one to eight bytes, and by the test of `MOVER` its
-        // value lies right behind the link. The link is aligned as a word: it holds a wait node, of
-        // which `Waiting::alone` asserts that. More fields lie behind the value, so a word can be
-        // accessed there; its bytes beyond the value have no meaning. By `# Safety` no other thread
-        // accesses either value.
+        // value begins where that of a node of words does. More fields lie behind the value, so a
+        // word can be accessed there; its bytes beyond the value have no meaning, so it is moved as
+        // one that may be unwritten. By `# Safety` no other thread accesses either value.
         unsafe {
-            let word =
-                |node: NonNull<Self>| node.byte_add(size_of::<Link>()).cast::<MaybeUninit<u64>>();
-            word(to).write(word(from).read());
+            let word = from.cast::<Waiter<MaybeUninit<u64>>>();
+            Waiter::put_value_of(to.cast(), Waiter::take_value_of(word));
         }
     }
 }

@@ -10,8 +10,9 @@
 //! thread can be one. The waits of a process are listed with it, so that a priority can be passed
 //! on along a chain of holders. Only the code that lists a wait knows what the chain consists of.
 //!
-//! Boosts begin and end in any order and on any thread, so they are counted: O(1) each, under the
-//! lock of the process' executor.
+//! Boosts begin and end in any order and on any thread, so they are counted by their ranks, under
+//! the lock of the process' executor. A list of the boosts would have to lie in the inheritors; but
+//! these move with what holds them, for instance with an accepted call.
 
 use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
@@ -271,15 +272,21 @@ impl Inheritor {
     ///
     /// `state` is that of the executor, and its lock is held.
     unsafe fn count(&self, state: &mut Boosts, boost: Boost, more: bool) -> bool {
-        let counted = match &self.to {
+        let count_process = |more| match &self.to {
             // SAFETY: the caller holds the lock of the executor, which guards the counts.
             To::Process(reference) => unsafe { reference.process().count_boost(boost, more) },
             To::Thread(_) => boost != Boost::Nothing,
         };
-        if let (true, Boost::Thread(priority)) = (counted, boost) {
-            state.count(priority, more);
+        if !count_process(more) {
+            return false;
         }
-        counted
+        if let Boost::Thread(priority) = boost
+            && !state.count(priority, more)
+        {
+            count_process(!more);
+            return false;
+        }
+        true
     }
 
     /// Lets a ready process run at its new boost: it may be queued at a lower level. A waiting

@@ -19,9 +19,9 @@ use alloc::sync::Arc;
 use core::sync::atomic::Ordering;
 use core::time::Duration;
 use luna_platform::clock::Instant;
-use luna_platform::panics::{catch_unwind, resume};
 #[cfg(feature = "std")]
-use luna_platform::usage;
+use luna_platform::clock::processor_time;
+use luna_platform::panics::{catch_unwind, resume};
 
 /// How much earlier than a deadline the kernel is to end a sleep, in nanoseconds: what the thread
 /// takes from there to the process that waits. If the kernel is quicker than that, the thread reads
@@ -76,7 +76,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         shared.inbound.sleep(Instant::NEVER);
     }
     #[cfg(feature = "std")]
-    let before = usage::processor_time();
+    let before = processor_time();
     // A thread that may block keeps nothing: it could sleep in the middle of a turn.
     let frees_later = shared.serves != Serves::One;
     let keeps = (
@@ -93,7 +93,7 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     current::set_on_path(false);
     drop(keeps);
     #[cfg(feature = "std")]
-    if let Some((before, after)) = before.zip(usage::processor_time()) {
+    if let Some((before, after)) = before.zip(processor_time()) {
         // It runs once.
         let _ = shared.processor_time.set(after.saturating_sub(before));
     }

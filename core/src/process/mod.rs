@@ -30,9 +30,9 @@ use crate::replay_log::LogInstaller;
 use alloc::sync::Arc;
 use core::any::Any;
 use core::fmt;
-use core::time::Duration;
 #[cfg(feature = "std")]
-use luna_platform::memory::copy_words;
+use core::ops::Range;
+use core::time::Duration;
 
 /// What a process is to be: its name, its level, and its poll monitor.
 #[derive(Debug)]
@@ -268,13 +268,12 @@ impl ProcessHandle {
         join::joiners(&self.0)
     }
 
-    /// The machine words of its body, some of which are addresses of what it holds; empty where the
-    /// system does not let them be seen. The kernel copies them as they are, also while the body
-    /// runs or goes, so they are a hint for reports: what the body holds behind a box is not among
-    /// them, and what it has given away may still be. Not for the real-time path: it allocates.
+    /// The addresses of its body, while there is one that the process holds in place: where a report
+    /// may look for what the body holds. The body runs or goes meanwhile: nothing may be read there
+    /// but by the kernel.
     #[cfg(feature = "std")]
-    pub fn words_of_body(&self) -> Vec<usize> {
-        self.0.body().map(copy_words).unwrap_or_default()
+    pub fn addresses_of_body(&self) -> Option<Range<usize>> {
+        self.0.body()
     }
 
     /// The exit value of its body, if it is of this type and was not taken before. What is not

@@ -24,12 +24,12 @@ mod threads;
 
 use super::Emergency;
 use luna_core::park::Parker;
-use luna_platform::alarm::EventAlarm;
+use luna_machine::alarm::EventAlarm;
+use luna_machine::crash::{CrashSlot, MAX_MEMBERS};
+use luna_machine::facts::{PreemptionModel, Source};
+use luna_machine::signals;
 use luna_platform::clock::Instant;
-use luna_platform::crash::{CrashSlot, MAX_MEMBERS};
-use luna_platform::facts::{PreemptionModel, Source};
 use luna_platform::lock::PiLock;
-use luna_platform::signals;
 use luna_platform::thread::{self, Policy, ThreadNumber};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};

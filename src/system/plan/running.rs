@@ -6,6 +6,7 @@ use crate::csp::process::{Common, Phases, Prepared};
 use crate::error::Error;
 use crate::safety::Ledger;
 use luna_core::{Announced, ExecutorHandle, OsThread, ProcessHandle, SimulationHandle, Standstill};
+use luna_machine::memory::copy_words;
 use luna_platform::thread::Mode;
 use std::sync::Arc;
 
@@ -148,9 +149,11 @@ impl Member {
         self.is_late && matches!(self.on, On::Executor(_))
     }
 
-    /// The machine words of the process' own memory, some of which are addresses.
+    /// The machine words of the process' own memory, some of which are addresses: a hint for reports.
+    /// What it holds behind a box is not among them, and what it has given away may still be.
     pub(crate) fn words(&self) -> Vec<usize> {
-        let mut words = self.handle.words_of_body();
+        let body = self.handle.addresses_of_body();
+        let mut words = body.map(copy_words).unwrap_or_default();
         if let Some(resident) = &self.resident {
             words.extend(resident.words());
         }

@@ -153,7 +153,7 @@ impl Process {
             polls: AtomicU64::new(0),
             poll: AtomicPtr::new(ptr::null_mut()),
             methods: Cell::new(None),
-            inheritance: Inheritance::new(level),
+            inheritance: Inheritance::new(),
         }
     }
 

@@ -9,7 +9,7 @@ pub(crate) use reference::RecordRef;
 pub(in crate::process) use shown::Shown;
 
 use crate::biased_lock::BiasedLock;
-use crate::current::{LEVELS, Process, ProcessId};
+use crate::current::{Here, LEVELS, Process, ProcessId};
 use crate::deferred_free::Retired;
 use crate::process::poll_monitor::{self, PollMonitor, Verdict};
 use crate::process::registry::ProcessRegistry;
@@ -130,7 +130,7 @@ impl Record {
             is_poisoned: AtomicBool::new(false),
             seen: Seen::nothing(),
             shown: if is_on_executor {
-                BiasedLock::biased_to_this_executor(shown)
+                BiasedLock::biased_in(Here::now(), shown)
             } else {
                 BiasedLock::new(shown)
             },

@@ -5,8 +5,9 @@ use super::{Emergency, EmergencyWorkers};
 use crate::safety::state::Cause;
 use luna_core::ProcessRegistry;
 use luna_core::failover::{FailoverSequence, Leg};
+use luna_machine::signals;
 use luna_platform::clock::Instant;
-use luna_platform::{signals, thread};
+use luna_platform::thread;
 use std::sync::atomic::Ordering;
 
 impl EmergencyWorkers {
