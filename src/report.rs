@@ -29,11 +29,10 @@ pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
 pub use crate::safety::report::SafetyReport;
 pub use crate::time::accounting::UsageSince;
-pub use crate::time::distribution::Distribution;
 pub use crate::time::late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstead, StolenTime};
 pub use crate::time::manager::{CallbackReport, TimersReport};
 pub use crate::time::stamp::StampReport;
-pub use crate::time::statistics::LoopReport;
+pub use crate::time::statistics::{Distribution, LoopReport};
 pub use luna_config::deployment::{DeploymentReport, Override};
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;

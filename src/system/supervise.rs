@@ -3,13 +3,12 @@
 use super::announcement::Announcement;
 use super::conclusion::{Ended, conclude};
 use super::launch::{Launched, launch};
-use super::pending_errors::PendingErrors;
 use super::plan::{Members, Phase, Plan, Running};
 use super::quiescence::Lookout;
 use super::reaper::{Reaper, wait_until};
 use super::stolen::{Stolen, Window};
 use super::system_threads::{SystemThreads, note_limits};
-use super::warnings::{Warnings, announce_shortfalls};
+use super::warnings::{PendingErrors, Warnings, announce_shortfalls};
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::report::{Report, StampReport};

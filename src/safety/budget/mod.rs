@@ -2,7 +2,6 @@
 //! it takes longer.
 
 mod ledger;
-mod under_way;
 
 pub(crate) use ledger::{CycleWatch, Ledger};
 pub(crate) use luna_config::deployment::Budgets;

@@ -1,8 +1,7 @@
 //! How a process comes to a system: described beside others, or started beside those that run.
 
-use super::described::{Names, Placement, ProcessPlan};
 use super::running::{Running, Started};
-use super::{Members, Phase, Plan, duplicate};
+use super::{Members, Names, Phase, Placement, Plan, ProcessPlan, duplicate};
 use crate::csp::process::clean_up;
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;

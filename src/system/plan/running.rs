@@ -1,6 +1,6 @@
 //! How a process is started where the system runs.
 
-use super::described::{Placement, ProcessPlan};
+use super::{Placement, ProcessPlan};
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, Phases, Prepared};
 use crate::error::Error;
