@@ -32,11 +32,6 @@ impl Retired {
             free,
         }
     }
-
-    /// The link of its list, which is its owner's to use until it is retired.
-    pub fn link(&self) -> &AtomicPtr<Retired> {
-        &self.next
-    }
 }
 
 static RETIRED: AtomicPtr<Retired> = AtomicPtr::new(ptr::null_mut());

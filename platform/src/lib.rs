@@ -21,7 +21,7 @@
 //!
 //! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was
 //!   refused, why, and how to get it.
-//! - [`clock`], [`futex`], [`bell`], [`deadline_sleep`], [`event_count`], [`lock`], [`spin`],
+//! - [`clock`], [`futex`], [`bell`], [`deadline_sleep`], [`lock`], [`spin`],
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
@@ -58,7 +58,6 @@ pub mod bell;
 pub mod clock;
 pub mod deadline_sleep;
 mod debug;
-pub mod event_count;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod facts;
 pub mod futex;

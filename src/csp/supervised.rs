@@ -6,8 +6,9 @@ use crate::notice::notice;
 use crate::system::deadlock::{Sleeping, find};
 use crate::time::{LoopName, Scope};
 use luna_channels::inspect::wait_points;
+use luna_core::ExitValue;
 use luna_core::current::{self, ProcessId};
-use luna_core::{ExitValue, events};
+use luna_events as events;
 use std::cell::Cell;
 use std::future::Future;
 use std::hint::cold_path;
@@ -35,9 +36,6 @@ impl Verdict {
 
     fn failure(ended: Ended) -> Self {
         events::note_failure();
-        // The failure is to be reported soon; the process' own end notifies only threads that wait
-        // for any end.
-        Common::with(|common| common.registry.announce_next());
         Self(Some(ended))
     }
 }

@@ -235,8 +235,9 @@ impl<Q, A> Future for CallOp<'_, Q, A> {
 // SAFETY: the send within it borrows the end that keeps the wait point of these terms, and its
 // drop, with that of the call, takes its node off.
 unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
-    fn terms(&self) -> Terms<'_> {
+    fn terms(&self) -> Terms {
         Terms {
+            plain: None,
             can_fail: false,
             ..self.send.terms()
         }
