@@ -3,7 +3,7 @@
 use crate::values::policy;
 use clap::Args;
 use luna::{Policy, System};
-use luna_platform::facts::{Source, parse::core_list};
+use luna_machine::facts::{Source, parse::core_list};
 use luna_platform::thread::available_cores;
 
 /// Where the measured processes run, and how they are reported.
