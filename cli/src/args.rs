@@ -42,6 +42,8 @@ pub(crate) enum Command {
     Scope(Scope),
     /// Makes a project that runs at once, with tests, a system file and CI
     New(crate::new::Arguments),
+    /// Prints what completes the words of this command in a shell
+    Completions(Completions),
     /// Makes, checks and draws models of systems
     #[command(subcommand)]
     Model(crate::model::Command),
@@ -55,6 +57,18 @@ pub(crate) enum Command {
     /// Sends values to a channel between programs, as its sender, or sets keys of a blackboard
     #[cfg(target_os = "linux")]
     Send(crate::programs::send::Arguments),
+}
+
+/// The options of `luna completions`.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "As in: luna completions bash > ~/.local/share/bash-completion/completions/luna
+
+Exit codes: 0 printed, 1 standard output is closed, 2 bad arguments."
+)]
+pub(crate) struct Completions {
+    /// The shell
+    pub(crate) shell: clap_complete::Shell,
 }
 
 /// The words for a program that `luna` starts.

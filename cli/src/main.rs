@@ -41,6 +41,7 @@ fn run(command: Command) -> Result<ExitCode, failure::Failure> {
         Command::Record(arguments) => record::run(&arguments),
         Command::Scope(arguments) => scope::run(&arguments),
         Command::New(arguments) => new::run(&arguments),
+        Command::Completions(completions) => complete(&completions),
         Command::Model(command) => model::run(&command),
         #[cfg(target_os = "linux")]
         Command::List(arguments) => programs::list::run(&arguments),
@@ -49,4 +50,16 @@ fn run(command: Command) -> Result<ExitCode, failure::Failure> {
         #[cfg(target_os = "linux")]
         Command::Send(arguments) => programs::send::run(&arguments),
     }
+}
+
+fn complete(completions: &args::Completions) -> Result<ExitCode, failure::Failure> {
+    let mut text = Vec::new();
+    clap_complete::generate(
+        completions.shell,
+        &mut Arguments::command(),
+        "luna",
+        &mut text,
+    );
+    print::say(&String::from_utf8_lossy(&text))?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,7 +1,7 @@
 //! `luna new`: a project to begin with.
 
 use crate::failure::{Failure, failed, unusable};
-use crate::package::luna;
+use crate::package::Stated;
 use clap::{Args, ValueEnum};
 use luna_model::{Luna, package_name};
 use std::fs;
@@ -28,10 +28,8 @@ pub(crate) struct Arguments {
     /// What it begins with
     #[arg(long, short, value_enum, default_value = "loop")]
     template: Template,
-    /// The folder of the LUNA that the project depends on [default: the checkout around the current
-    /// folder, else this version of crates.io]
-    #[arg(long, value_name = "PATH")]
-    luna: Option<PathBuf>,
+    #[command(flatten)]
+    luna: Stated,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -101,7 +99,7 @@ impl Template {
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let Arguments { path, template, .. } = arguments;
     let name = name(path)?;
-    let luna = luna(arguments.luna.as_deref())?;
+    let (luna, known) = arguments.luna.luna()?;
     let dependencies = dependencies(*template, &luna);
     if let Some(parent) = path
         .parent()
@@ -129,11 +127,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         "{shown}: run it with `cargo run --release --manifest-path {shown}/Cargo.toml`, and read {shown}/README.md"
     )
     .map_err(Failure::Output)?;
-    if let Luna::Version(version) = &luna {
-        let note = "for a checkout of LUNA, make it with --luna PATH";
-        writeln!(out, "it depends on LUNA {version} of crates.io; {note}")
-            .map_err(Failure::Output)?;
-    }
+    writeln!(out, "it depends on LUNA {luna}: {known}").map_err(Failure::Output)?;
     Ok(ExitCode::SUCCESS)
 }
 

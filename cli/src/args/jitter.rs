@@ -10,6 +10,9 @@ const MAX_OTHERS: i64 = 250;
 
 /// The options of `luna jitter`.
 #[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Exit codes: 0 complete, 1 not complete, or failed, 2 bad arguments or files."
+)]
 pub(crate) struct Jitter {
     /// From one wake-up to the next, in µs
     #[arg(long, value_name = "US", default_value_t = 1000, value_parser = interval, allow_negative_numbers = true)]

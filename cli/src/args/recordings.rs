@@ -10,6 +10,8 @@ use std::time::Duration;
 
 /// The options of `luna convert`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+Exit codes: 0 converted, 1 a recording is damaged (what is before the damage was converted), or standard output is closed, 2 bad arguments or files.")]
 pub(crate) struct Convert {
     /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it. Several
     /// recordings become one Perfetto trace, with a process for each, and flows from a value's send
@@ -105,6 +107,8 @@ impl Format {
 
 /// The options of `luna record`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+Exit codes: 0 ended in order, 1 a file could not be made or written, 2 bad arguments, files or addresses.")]
 pub(crate) struct Record {
     /// Where to listen: HOST:PORT. Senders are not authenticated, so use 0.0.0.0 in trusted
     /// networks only
@@ -164,6 +168,8 @@ fn level(text: &str) -> Result<Messages, String> {
 
 /// The options of `luna scope`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+Exit codes: it runs until a signal ends it, or with --once: 0 shown, 1 a recording is damaged; 2 bad arguments, files or addresses.")]
 pub(crate) struct Scope {
     /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it; - reads it
     /// from the standard input. Several recordings, of programs that ran at the same time, are shown

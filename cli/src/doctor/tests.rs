@@ -180,11 +180,11 @@ fn advice_is_to_be_copied() {
 fn what_was_read_is_told() {
     for (machine, name, part) in [
         // The deepest state that is not switched off.
-        ("laptop", "idle-states", "C8, which takes 200 us"),
+        ("laptop", "idle-states", "C8, which takes 200 µs"),
         ("laptop", "irqs-on-core", "128 (xhci_hcd, 913224 times)"),
         ("laptop", "irqs-on-core", "and 1 more"),
         ("laptop", "smt", "core 7 shares its units with 3"),
-        ("laptop", "throttling", "950000 of each 1000000 us"),
+        ("laptop", "throttling", "950000 of each 1000000 µs"),
         ("virtual", "hypervisor", "KVM or QEMU"),
         ("virtual", "steal", "5.98 %"),
         ("virtual", "tick", "100 Hz"),

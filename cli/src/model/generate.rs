@@ -2,9 +2,9 @@
 
 use super::read;
 use crate::failure::{Failure, failed};
-use crate::package::luna;
+use crate::package::Stated;
 use clap::Args;
-use luna_model::File;
+use luna_model::{File, Luna};
 use std::ffi::OsStr;
 use std::fs;
 use std::io::{self, ErrorKind, Write};
@@ -26,10 +26,8 @@ pub(crate) struct Arguments {
     /// The package's folder: new, empty, or generated before
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// The folder of the LUNA that the package depends on [default: the checkout around the current
-    /// folder, else this version of crates.io]; for a new package only
-    #[arg(long, value_name = "PATH")]
-    luna: Option<PathBuf>,
+    #[command(flatten)]
+    luna: Stated,
 }
 
 /// Below the package's folder.
@@ -40,7 +38,14 @@ const MANIFEST: &str = "Cargo.toml";
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let folder = &arguments.output;
     let model = read(&arguments.file)?;
-    let luna = luna(arguments.luna.as_deref())?;
+    let luna = match arguments.luna.luna() {
+        Ok((luna, _)) => luna,
+        // A manifest that is there is kept.
+        Err(_) if !arguments.luna.is_stated() && folder.join(MANIFEST).is_file() => {
+            Luna::Version(env!("CARGO_PKG_VERSION").to_owned())
+        }
+        Err(error) => return Err(error),
+    };
     let files = model.generate(&luna).map_err(super::problem)?;
     check(folder, &files)?;
     // All of them before anything is printed: standard output may be closed.
@@ -56,7 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         if done == KEPT && !file.defines.is_empty() {
             note_missing(&mut out, &path, file)?;
         }
-        if done == KEPT && file.path == MANIFEST && arguments.luna.is_some() {
+        if done == KEPT && file.path == MANIFEST && arguments.luna.is_stated() {
             note_unused_luna(&mut out, &path, file)?;
         }
     }

@@ -19,7 +19,9 @@ It looks from outside: but for --clean-up it takes no lock and writes nothing, a
 A system has a name here if it is announced: `system.announce()`, or LUNA_ANNOUNCE=1 in its environment.
 
 JSON: programs (pid, program, systems), channels (name, kind, type, sender, receiver, state, openings, sent, taken, per_second),
-blackboards (name, writer, readers, has_readers, keys), interval_s, left_behind, hidden. With --watch, one object a line.")]
+blackboards (name, writer, readers, has_readers, keys), interval_s, left_behind, hidden. With --watch, one object a line.
+
+Exit codes: 0 listed, 1 standard output is closed, or the folder of shared memory cannot be read, 2 bad arguments.")]
 pub(crate) struct Arguments {
     /// Only channels and blackboards of these names, as cell/*,arm/state, and their programs
     #[arg(value_name = "NAMES", value_delimiter = ',')]

@@ -1,12 +1,14 @@
 //! The axis as processes and channels:
 //!
 //! ```text
-//! reference ~> axis (PID) ──> safety ~> motor (simulated)
-//!                ^               ^        │
-//!                ╰~~~~~~~~~~~~~~~┴~~~~~~~~╯ angle
+//! reference ~> axis (PID) ──> axis safety ~> axis motor (simulated)
+//!                ^               ^             │
+//!                ╰~~~~~~~~~~~~~~~┴~~~~~~~~~~~~~╯ angle
 //!
 //! ──> rendezvous    ~> register: the latest value
 //! ```
+//!
+//! A second axis is a second call of [`axis`], with a name and set-points of its own.
 
 use luna::prelude::*;
 use luna_plants::{Motor, PAN, PlantLink};
@@ -43,25 +45,61 @@ pub fn describe(
     amplitude: f64,
     duration: Duration,
 ) -> luna::Result<Arc<Outcome>> {
-    // On the machine `control` has a core and a real-time policy: see system.toml.
-    let control = system.executor("control").build()?;
+    // Where real-time scheduling is not allowed it runs all the same, and one line says what to do.
+    // On the machine `control` has a core too: see system.toml.
+    let control = system
+        .executor("control")
+        .policy(Policy::fifo(80))
+        .build()?;
     let slow = system.executor("slow").build()?;
-    let register = || luna::buffered::<f64>(Buffer::overwrite_oldest(1));
-    let (reference, references) = register();
-    let (measured, angles) = register();
-    let (measured_too, positions) = register();
+    let (reference, references) = register("axis reference");
+    let outcome = axis(system, &control, "axis", references)?;
+
+    slow.process("reference").spawn(async move {
+        let mut tick = luna::periodic("reference", Duration::from_millis(10))?;
+        let step = tick.period();
+        let mut time = Duration::ZERO;
+        while time < duration {
+            tick.next().await;
+            time += step;
+            let swing = (TAU * time.as_secs_f64() / 4.0).sin(); // one in four seconds
+            reference.send(amplitude * swing).await?;
+        }
+        Ok(())
+    })?;
+    Ok(outcome)
+}
+
+/// The latest value. The name is what recordings and the scope call it.
+fn register(name: &str) -> (Sender<f64>, Receiver<f64>) {
+    let (sender, receiver) = luna::buffered(Buffer::overwrite_oldest(1));
+    (sender.named(name), receiver)
+}
+
+/// An axis that follows its set-points until they end: its loop, its safety layer, its motor.
+fn axis(
+    system: &mut System,
+    control: &luna::Executor,
+    name: &'static str,
+    references: Receiver<f64>,
+) -> luna::Result<Arc<Outcome>> {
+    let of_axis = |what: &str| format!("{name} {what}");
+    let (measured, angles) = register(&of_axis("angle"));
+    let (measured_too, positions) = register(&of_axis("position"));
     let (wanted, asked) = luna::channel();
-    let (safe, duties) = register();
+    let wanted = wanted.named(&of_axis("wanted duty"));
+    let (safe, duties) = register(&of_axis("duty"));
 
     // The machine, as long as there is none. Later: a driver with the same ends.
-    let mut motor = PlantLink::new("motor", Motor::new(PAN));
+    let mut motor = PlantLink::new(&of_axis("motor"), Motor::new(PAN));
     motor.actuator("duty", duties)?;
     motor.sensor("angle", measured)?;
     motor.sensor("angle", measured_too)?;
     let bridge = motor.enable_line();
-    system.on_emergency("bridge off", move || bridge.cut());
+    system.on_emergency(&of_axis("bridge off"), move || bridge.cut());
     let motor = motor.periodic(PERIOD)?;
-    control.process("motor").priority(25).spawn(motor)?;
+    let process = control.process(of_axis("motor")).priority(25);
+    process.spawn(motor)?;
 
     // Whatever the loop does, no harmful value passes. Neutral is 0: off.
     let chain = Chain::new(0.0)?
@@ -78,26 +116,26 @@ pub fn describe(
         .process(asked, safe)
         .feedback(positions, Duration::from_millis(20))?
         .timeout("silence", silence, Response::new(Reaction::SafeState))?;
-    control.process("safety").priority(30).spawn(safety)?;
+    let process = control.process(of_axis("safety")).priority(30);
+    process.spawn(safety)?;
 
     // Parameters are set by --set and by files. Signals are seen in the scope: LUNA_LOG=run.luna.
-    let axis = control.process("axis").priority(20);
-    let gain = |name, value| axis.parameter(name, value).range(0.0..=200.0).register();
-    let (kp, ki, kd) = (
-        gain("axis/kp", 12.0)?,
-        gain("axis/ki", 20.0)?,
-        gain("axis/kd", 0.3)?,
-    );
-    let signal = |name, unit| axis.signal::<f64>(name).unit(unit).register();
-    let shown = [
-        signal("axis/reference", "rad")?,
-        signal("axis/angle", "rad")?,
-    ];
-    let shown_duty = signal("axis/duty", "1")?;
+    let process = control.process(name).priority(20);
+    let gain = |gain: &str, value| {
+        let parameter = process.parameter(&format!("{name}/{gain}"), value);
+        parameter.range(0.0..=200.0).register()
+    };
+    let (kp, ki, kd) = (gain("kp", 12.0)?, gain("ki", 20.0)?, gain("kd", 0.3)?);
+    let signal = |signal: &str, unit| {
+        let signal = process.signal::<f64>(&format!("{name}/{signal}"));
+        signal.unit(unit).register()
+    };
+    let shown = [signal("reference", "rad")?, signal("angle", "rad")?];
+    let shown_duty = signal("duty", "1")?;
     let outcome = Arc::new(Outcome::default());
     let seen = outcome.clone();
-    axis.spawn(async move {
-        let mut tick = luna::periodic("axis", PERIOD)?;
+    process.spawn(async move {
+        let mut tick = luna::periodic(name, PERIOD)?;
         let step = tick.period().as_secs_f64();
         let (mut target, mut angle) = (0.0, 0.0);
         let (mut integral, mut last_error) = (0.0_f64, 0.0);
@@ -125,19 +163,6 @@ pub fn describe(
             wanted.send(duty).await?;
         }
         *seen.0.lock().unwrap_or_else(PoisonError::into_inner) = (largest_error, furthest);
-        Ok(())
-    })?;
-
-    slow.process("reference").spawn(async move {
-        let mut tick = luna::periodic("reference", Duration::from_millis(10))?;
-        let step = tick.period();
-        let mut time = Duration::ZERO;
-        while time < duration {
-            tick.next().await;
-            time += step;
-            let swing = (TAU * time.as_secs_f64() / 4.0).sin(); // one in four seconds
-            reference.send(amplitude * swing).await?;
-        }
         Ok(())
     })?;
     Ok(outcome)

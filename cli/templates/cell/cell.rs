@@ -53,13 +53,17 @@ pub fn describe(
     duration: Duration,
     jam: Option<u32>,
 ) -> luna::Result<Arc<Cell>> {
-    // On the machine `units` has a core and a real-time policy: see system.toml.
-    let units = system.executor("units").build()?;
+    // Where real-time scheduling is not allowed it runs all the same, and one line says what to do.
+    // On the machine `units` has a core too: see system.toml.
+    let units = system.executor("units").policy(Policy::fifo(80)).build()?;
     let cell = Arc::new(Cell::default());
     let (fed, onto_conveyor) = luna::channel::<Block>();
     let (off_conveyor, into_press) = luna::channel::<Block>();
     let (pressed, onto_stack) = luna::channel::<Block>();
     let (progress, watched) = luna::buffered::<u32>(Buffer::overwrite_oldest(1));
+    // What recordings, the scope and errors call them.
+    let (fed, off_conveyor) = (fed.named("fed"), off_conveyor.named("off conveyor"));
+    let (pressed, progress) = (pressed.named("pressed"), progress.named("progress"));
 
     units.process("feeder").spawn(async move {
         let mut tick = luna::periodic("feeder", FEED)?;

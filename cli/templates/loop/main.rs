@@ -8,7 +8,7 @@ mod tests;
 use luna::prelude::*;
 use std::time::Duration;
 
-/// Unless the system file has another one.
+/// Of the loop, also in the tests. The system file may state another one.
 const PERIOD: Duration = Duration::from_millis(1);
 
 fn main() -> luna::Result<()> {
@@ -41,9 +41,13 @@ fn seconds(arguments: &[String]) -> luna::Result<u64> {
 
 /// What the system is made of, and where each part runs. Tests describe the same one.
 fn describe(system: &mut System, duration: Duration) -> luna::Result<()> {
-    // An executor is one OS thread that runs many processes, the most urgent first. On the machine
-    // it has a core and a real-time policy: see system.toml.
-    let control = system.executor("control").build()?;
+    // An executor is one OS thread that runs many processes, the most urgent first. Where real-time
+    // scheduling is not allowed it runs all the same, and one line says what to do. On the machine
+    // it has a core too: see system.toml.
+    let control = system
+        .executor("control")
+        .policy(Policy::fifo(80))
+        .build()?;
 
     control.process("control").priority(20).spawn(async move {
         // The loop wakes up at absolute times: a late cycle does not shift the next ones.

@@ -31,26 +31,31 @@ pub struct Ends {
 }
 
 pub fn describe(system: &mut System, duration: Duration) -> luna::Result<Ends> {
-    // On the machine `control` has a core and a real-time policy: see system.toml.
-    let control = system.executor("control").build()?;
+    // Where real-time scheduling is not allowed it runs all the same, and one line says what to do.
+    // On the machine `control` has a core too: see system.toml.
+    let control = system
+        .executor("control")
+        .policy(Policy::fifo(80))
+        .build()?;
     // Registers: the loop never waits, and each reader gets the latest value.
     let (commands, received) = luna::buffered::<Command>(Buffer::overwrite_oldest(1));
     let (state, wheels) = luna::buffered::<Wheels>(Buffer::overwrite_oldest(1));
+    let (commands, state) = (commands.named("commands"), state.named("wheels"));
     control.process("drive").priority(20).spawn(async move {
         let mut tick = luna::periodic("drive", PERIOD)?;
-        let step = tick.period();
         let (mut command, mut wheels) = (Command::default(), Wheels::default());
-        let mut age = Duration::ZERO;
-        let mut time = Duration::ZERO;
-        while time < duration {
+        let (begin, mut last, mut commanded) = (luna::now(), luna::now(), luna::now());
+        while last - begin < duration {
             tick.next().await;
-            time += step;
-            age += step;
+            // The time that has passed, also when slots were missed.
+            let now = luna::now();
+            let step = now - last;
+            last = now;
             // Without a bridge nobody sends: then there are no commands.
             if let Ok(new) = received.try_recv() {
-                (command, age) = (new, Duration::ZERO);
+                (command, commanded) = (new, now);
             }
-            if age >= SILENCE {
+            if now - commanded >= SILENCE {
                 command = Command::default();
             }
             let turn = command.turn * HALF_TRACK;

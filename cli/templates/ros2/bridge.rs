@@ -72,17 +72,16 @@ pub fn describe(system: &mut System, ends: Ends) -> luna::Result<()> {
     bridge.process("joint states").spawn(async move {
         let _running = running; // dropped at the end, which the other process sees
         let mut asked_for_help = false;
-        let mut time = Duration::ZERO;
+        let begin = luna::now();
         let mut tick = luna::periodic("joint states", PUBLISHED)?;
         loop {
             tick.next().await;
-            time += tick.period();
             match wheels.try_recv() {
                 Ok(state) => joints.send(message(state)).await?,
                 Err(error) if error.is_empty() => {}
                 Err(_) => return Ok(()), // the base has ended
             }
-            if time >= PATIENCE && status.partners() == 0 && !asked_for_help {
+            if luna::now() - begin >= PATIENCE && status.partners() == 0 && !asked_for_help {
                 asked_for_help = true;
                 eprintln!(
                     "no ROS 2 node of this computer publishes /cmd_vel in domain {domain}, so the \

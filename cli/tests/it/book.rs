@@ -68,6 +68,26 @@ fn commands_of_the_book_have_their_options() {
     assert!(checked > 15, "{checked} calls");
 }
 
+/// The page of the packages has each member of the workspace.
+#[test]
+fn each_package_is_on_its_page() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let read = |path: &str| fs::read_to_string(root.join(path)).unwrap();
+    let page = read("docs/packages.md");
+    let workspace = read("Cargo.toml");
+    let members = workspace.split_once("members = [").unwrap().1;
+    let members = members.split_once(']').unwrap().0;
+    let mut checked = 0;
+    for member in members.split(',') {
+        let manifest = read(&format!("{}/Cargo.toml", member.trim().trim_matches('"')));
+        let name = manifest.split_once("name = \"").unwrap().1;
+        let name = name.split_once('"').unwrap().0;
+        assert!(page.contains(&format!("`{name}`")), "{name}");
+        checked += 1;
+    }
+    assert!(checked > 35, "{checked} packages");
+}
+
 #[test]
 fn the_picture_of_the_axis_is_drawn_from_its_model() {
     let model = book().join("models/axis.toml");

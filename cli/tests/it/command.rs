@@ -39,6 +39,54 @@ fn check_loop(report: &Value) {
 }
 
 #[test]
+fn without_a_word_it_prints_its_help() {
+    let output = luna(&[]);
+    assert_eq!(output.status.code(), Some(2));
+    let help = text(&output.stderr);
+    assert!(help.contains("Usage: luna <COMMAND>"), "{help}");
+    let asked = luna(&["help"]);
+    assert_eq!(asked.status.code(), Some(0));
+    let help = text(&asked.stdout);
+    assert!(
+        help.contains("demo: ") && help.contains("luna-demo"),
+        "{help}"
+    );
+}
+
+/// Another program of this name is on no path here.
+#[test]
+fn a_program_that_is_missing_is_named_with_how_to_get_it() {
+    let nothing = tempfile::tempdir().expect("a folder of its own");
+    let alone = nothing.path().join("luna");
+    std::fs::copy(env!("CARGO_BIN_EXE_luna"), &alone).expect("a copy");
+    let run = |words: &[&str]| {
+        let mut luna = std::process::Command::new(&alone);
+        let luna = luna.args(words).env_remove("LUNA_PROGRAMS");
+        luna.env("PATH", nothing.path()).output().expect("it runs")
+    };
+    let output = run(&["demo", "--seconds", "1"]);
+    assert_eq!(output.status.code(), Some(2));
+    let errors = text(&output.stderr);
+    for part in [
+        "luna demo: ",
+        "`luna-demo` is not there",
+        "cargo install luna-demo",
+    ] {
+        assert!(errors.contains(part), "{errors}");
+    }
+    let help = run(&["--help"]);
+    assert!(text(&help.stdout).contains("`luna-demo` is not there"));
+}
+
+#[test]
+fn shells_complete_its_words() {
+    let output = luna(&["completions", "bash"]);
+    assert_eq!(output.status.code(), Some(0));
+    let script = text(&output.stdout);
+    assert!(script.contains("doctor") && script.contains("--per-cycle"));
+}
+
+#[test]
 fn demo_prints_json() {
     let demo = json(&["demo", "--seconds", "0.5", "--calibrated", "--json"]);
     assert_eq!(demo["complete"], true);

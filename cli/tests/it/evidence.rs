@@ -2,7 +2,7 @@
 //! that could not do all that it was asked does not exit with 0.
 #![cfg(target_os = "linux")]
 
-use crate::run::{command, file, json, luna, path, text};
+use crate::run::{command, file, json, luna, path, programs, text};
 use luna_logger::format::Reader;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -117,6 +117,7 @@ fn a_run_whose_log_cannot_be_written_is_no_success() {
         let mut limited = std::process::Command::new("sh");
         limited.args(["-c", script, env!("CARGO_BIN_EXE_luna"), "demo"]);
         limited
+            .env("LUNA_PROGRAMS", programs())
             .args(machine)
             .args(["--virtual", "--seconds", "1", "--json"]);
         let output = limited.args(["--log", path(&log)]).output().unwrap();

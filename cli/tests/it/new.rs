@@ -4,6 +4,7 @@
 use crate::package::{folder, lock, run_cargo, workspace};
 use crate::run::{luna, path, text};
 use std::fs;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -11,13 +12,41 @@ fn command(arguments: &[&str], project: &Path) -> Output {
     luna(&[&["new", path(project)], arguments].concat())
 }
 
-/// A project of a template, in the layout of rustfmt.
-fn project(template: &str) -> PathBuf {
-    let project = folder(&format!("new-{template}"));
-    let luna = workspace().display().to_string();
-    let output = command(&["--template", template, "--luna", &luna], &project);
+/// A project in a folder far from the checkout, which goes with it.
+struct Project {
+    path: PathBuf,
+    _folder: tempfile::TempDir,
+}
+
+impl Deref for Project {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// A project of a template, in the layout of rustfmt. The command is run far from the checkout.
+fn project(template: &str) -> Project {
+    let elsewhere = tempfile::tempdir().expect("a folder of its own");
+    let name = format!("new-{template}");
+    let output = crate::run::command(&["new", "--template", template, &name])
+        .current_dir(&elsewhere)
+        .output()
+        .expect("the program starts");
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    assert!(text(&output.stdout).contains("README.md"));
+    let said = text(&output.stdout);
+    assert!(said.contains("README.md"), "{said}");
+    let here = fs::canonicalize(workspace()).expect("it is there");
+    let here = format!(
+        "it depends on LUNA in {}: the checkout that",
+        here.display()
+    );
+    assert!(said.contains(&here), "{said}");
+    let project = Project {
+        path: elsewhere.path().join(name),
+        _folder: elsewhere,
+    };
     lock(&project);
     for file in [
         ".gitignore",
@@ -69,7 +98,7 @@ fn a_loop() {
     assert!(said.contains("\ncontrol "), "{said}");
     let said = run(&project, &["--deployment", "system.toml"]);
     assert!(
-        said.contains("executor `control`: policy fifo:80 (the program: other)"),
+        said.contains("executor `control`: core 0 (the program: "),
         "{said}"
     );
     for (arguments, wrong) in [
@@ -88,7 +117,8 @@ fn a_loop() {
     // A loop that the program lacks fails the test.
     let file = project.join("system.toml");
     let whole = fs::read_to_string(&file).expect("it is there");
-    fs::write(&file, whole.replace("[loop.control]", "[loop.contrl]")).expect("it is writable");
+    let wrong = "[loop.contrl]\nperiod = \"1 ms\"\n";
+    fs::write(&file, format!("{whole}{wrong}")).expect("it is writable");
     let output = run_cargo(&project, "test", &["--quiet"]);
     assert!(!output.status.success());
     let said = text(&output.stdout);
@@ -135,8 +165,6 @@ fn a_cell() {
     );
 }
 
-/// With RustDDS and what it brings, which CI builds where `hosts` are tested.
-#[cfg(feature = "hosts")]
 /// Where ROS 2 is built anyway: its libraries take minutes.
 #[cfg(feature = "hosts")]
 #[test]
@@ -160,20 +188,24 @@ fn all_templates_are_made() {
     }
 }
 
-/// Outside of a checkout a project depends on published packages.
 #[test]
-fn a_project_elsewhere_depends_on_versions() {
+fn a_project_depends_on_a_repository_that_is_stated() {
     let elsewhere = tempfile::tempdir().expect("a folder of its own");
-    let output = crate::run::command(&["new", "arm", "--template", "axis"])
+    let url = "https://host.example/luna";
+    let output = crate::run::command(&["new", "arm", "--template", "axis", "--git", url])
         .current_dir(&elsewhere)
         .output()
         .expect("the program starts");
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let manifest =
         fs::read_to_string(elsewhere.path().join("arm/Cargo.toml")).expect("it is there");
-    let version = env!("CARGO_PKG_VERSION");
+    let said = text(&output.stdout);
+    assert!(
+        said.contains("it depends on LUNA of https://host.example/luna"),
+        "{said}"
+    );
     for package in ["luna-rt", "luna-plants", "luna-safety-blocks"] {
-        let line = format!("{package} = {{ version = \"{version}\"");
+        let line = format!("{package} = {{ git = \"{url}\"");
         assert!(manifest.contains(&line), "{manifest}");
     }
 }

@@ -7,10 +7,14 @@ use std::process::{Command, Output};
 
 pub(crate) fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
-    // What is built with these tests, and not what another build has left beside it.
-    let programs = Path::new(env!("CARGO_BIN_EXE_luna")).with_file_name("examples");
-    command.args(arguments).env("LUNA_PROGRAMS", programs);
+    command.args(arguments).env("LUNA_PROGRAMS", programs());
     command
+}
+
+/// The folder of the programs that `luna` starts: those that are built with these tests, and not what
+/// another build has left beside it.
+pub(crate) fn programs() -> PathBuf {
+    Path::new(env!("CARGO_BIN_EXE_luna")).with_file_name("examples")
 }
 
 /// A conversion may replace what an earlier run of the tests has left.

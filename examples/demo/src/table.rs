@@ -137,7 +137,14 @@ pub(super) fn text(row: &Row, is_virtual: bool, took: std::time::Duration) -> St
         false => format!("{:.1}", processing_us.mean),
     };
     let head = [
-        "table 4", "rate, Hz", "mean, ms", "min", "max", "sd, us", "work, us", "switches",
+        "table 4",
+        "rate, Hz",
+        "mean, ms",
+        "min",
+        "max",
+        "sd, µs",
+        "work, µs",
+        "switches",
     ];
     let this_run = [
         "this run".to_owned(),
@@ -169,17 +176,17 @@ pub(super) fn text(row: &Row, is_virtual: bool, took: std::time::Duration) -> St
     let _ = if is_virtual {
         writeln!(
             text,
-            "the machine took {:.2} us a cycle, for {:.1} switches among all processes on one thread",
+            "the machine took {:.2} µs a cycle, for {:.1} switches among all processes on one thread",
             took.as_secs_f64() * 1e6 / row.cycles as f64,
             switches.all
         )
     } else {
         let processor = row.processor_us.map_or_else(String::new, |time| {
-            format!("; the executor's processor time, with its sleep and wake-up: {time:.1} us")
+            format!("; the executor's processor time, with its sleep and wake-up: {time:.1} µs")
         });
         writeln!(
             text,
-            "work, from the cycle's begin until the timer asks for the next: p50 {:.1}, p99 {:.1}, max {:.1} us{processor}",
+            "work, from the cycle's begin until the timer asks for the next: p50 {:.1}, p99 {:.1}, max {:.1} µs{processor}",
             processing_us.p50, processing_us.p99, processing_us.max
         )
     };
@@ -222,7 +229,7 @@ mod tests {
         assert_eq!(
             lines[..3],
             [
-                "table 4                    rate, Hz  mean, ms     min     max  sd, us  work, us  switches",
+                "table 4                    rate, Hz  mean, ms     min     max  sd, µs  work, µs  switches",
                 "this run                       1000    1.0000  0.9500  1.2500     3.2       4.5      90.0",
                 "paper: LUNA, user threads      1000      1.00    0.80    2.01    35.8      89.3  about 50",
             ]
@@ -234,8 +241,8 @@ mod tests {
         );
         assert_eq!(
             lines[8],
-            "work, from the cycle's begin until the timer asks for the next: p50 4.0, p99 9.0, max 30.0 us; \
-             the executor's processor time, with its sleep and wake-up: 12.5 us"
+            "work, from the cycle's begin until the timer asks for the next: p50 4.0, p99 9.0, max 30.0 µs; \
+             the executor's processor time, with its sleep and wake-up: 12.5 µs"
         );
     }
 
@@ -259,7 +266,7 @@ mod tests {
         let text = text(&row, true, Duration::from_millis(300));
         assert!(text.contains("     3.2         -      90.0\n"), "{text}");
         assert!(
-            text.ends_with("the machine took 5.00 us a cycle, for 100.0 switches among all processes on one thread\n"),
+            text.ends_with("the machine took 5.00 µs a cycle, for 100.0 switches among all processes on one thread\n"),
             "{text}"
         );
     }

@@ -104,15 +104,21 @@ fn tickless(machine: &Machine) -> Result<Seen, Unread> {
     if tickless.contains(&core) {
         return Ok(Seen::good(write_core_list(&tickless), from));
     }
-    let read = match (machine.source.has(from), tickless.is_empty()) {
+    // The file is there if the kernel can do it.
+    let can = machine.source.has(from);
+    let read = match (can, tickless.is_empty()) {
         (false, _) => "none: the kernel has no CONFIG_NO_HZ_FULL".to_owned(),
         (true, true) => "none".to_owned(),
         (true, false) => format!("{}, not {core}", write_core_list(&tickless)),
     };
+    let kernel = match can {
+        true => "",
+        false => "a kernel that has CONFIG_NO_HZ_FULL=y ",
+    };
     Ok(Seen::better(
         read,
         from,
-        format!("boot a kernel that has CONFIG_NO_HZ_FULL=y with nohz_full={core} {GRUB}"),
+        format!("boot {kernel}with nohz_full={core} {GRUB}"),
     ))
 }
 

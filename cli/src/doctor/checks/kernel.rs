@@ -77,13 +77,21 @@ fn preemption(machine: &Machine) -> Result<Seen, Unread> {
             from,
             format!("{install}; until then boot with preempt=full"),
         ),
-        _ => Seen::bad(
-            format!("{model}{since}"),
-            from,
-            format!(
-                "{install}; until then boot with preempt=full, where the kernel has CONFIG_PREEMPT_DYNAMIC"
-            ),
-        ),
+        _ => {
+            let until_then = match machine.option("CONFIG_PREEMPT_DYNAMIC") {
+                Ok((value, _)) if value == "y" => "; until then boot with preempt=full",
+                // It was built for one model alone.
+                Ok(_) => "",
+                Err(_) => {
+                    "; until then boot with preempt=full, where the kernel has CONFIG_PREEMPT_DYNAMIC"
+                }
+            };
+            Seen::bad(
+                format!("{model}{since}"),
+                from,
+                format!("{install}{until_then}"),
+            )
+        }
     })
 }
 

@@ -107,7 +107,7 @@ fn cpu_limit(machine: &Machine) -> Result<Seen, Unread> {
     Ok(match limit(machine, "Max realtime timeout")? {
         Limit::Unlimited => Seen::good("none (RLIMIT_RTTIME)", LIMITS),
         Limit::AtMost(most) => Seen::better(
-            format!("{most} us (RLIMIT_RTTIME)"),
+            format!("{most} µs (RLIMIT_RTTIME)"),
             LIMITS,
             "`ulimit -R unlimited` before the program, or systemd's LimitRTTIME=infinity; keep it if your processes never compute \
              that long at a stretch",

@@ -119,7 +119,7 @@ fn idle_states(machine: &Machine) -> Result<Seen, Unread> {
     let Some(State { name, latency_us }) = deepest(&machine.source, core)? else {
         return Ok(Seen::good("none in use", from));
     };
-    let read = format!("down to {name}, which takes {latency_us} us to leave");
+    let read = format!("down to {name}, which takes {latency_us} µs to leave");
     if latency_us <= SHORT_US {
         return Ok(Seen::good(read, from));
     }

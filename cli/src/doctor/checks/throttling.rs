@@ -57,7 +57,7 @@ fn throttling(machine: &Machine) -> Result<Seen, Unread> {
             from,
         ));
     };
-    let read = format!("{runtime} of each {period_us} us");
+    let read = format!("{runtime} of each {period_us} µs");
     let is_without_groups = || {
         let option = machine.option("CONFIG_RT_GROUP_SCHED");
         option.is_ok_and(|(value, _)| value != "y")
@@ -116,7 +116,7 @@ fn group_budget(machine: &Machine) -> Result<Seen, Unread> {
                 budget.clone(),
                 format!("`echo 950000 > {budget}`, after the same for the groups above it"),
             ),
-            Ok(runtime) => Seen::good(format!("{runtime} us of each period"), budget),
+            Ok(runtime) => Seen::good(format!("{runtime} µs of each period"), budget),
             Err(Unread {
                 reason: UnreadReason::Missing,
                 ..
@@ -167,7 +167,7 @@ fn quota(machine: &Machine) -> Result<Seen, Unread> {
         return Ok(match quota {
             ..0 => Seen::good("none", from),
             quota => Seen::better(
-                format!("{quota} us a period"),
+                format!("{quota} µs a period"),
                 from.clone(),
                 advice(&format!("echo -1 > {from}")),
             ),

@@ -152,7 +152,7 @@ fn judge(
     let late: Vec<_> = late.map(luna_platform::clock::nanos).collect();
     let (came, all) = (late.len(), spells.len());
     let times = super::times_of(late);
-    let text = |times: &Times| format!(", after at most {:.1} us", times.max as f64 / 1e3);
+    let text = |times: &Times| format!(", after at most {:.1} µs", times.max as f64 / 1e3);
     let read = format!(
         "{} came through {came} of {all} times{}",
         way.what,

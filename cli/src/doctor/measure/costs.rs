@@ -1,6 +1,6 @@
 //! What a look at the clock costs, and a system call.
 
-use super::{Bounds, Measured, Measurement, p50};
+use super::{Bounds, By, Measured, Measurement};
 use crate::doctor::finding::Finding;
 use luna::now;
 use luna_platform::futex::Futex;
@@ -21,7 +21,7 @@ pub(super) fn clock_read(each: Duration) -> Finding {
         bounds: Bounds {
             good: 100,
             bad: 2_000,
-            by: p50,
+            by: By::Median,
         },
     };
     measurement.finding(batches(each, || {
@@ -38,7 +38,7 @@ pub(super) fn system_call(each: Duration) -> Finding {
         bounds: Bounds {
             good: 1_000,
             bad: 20_000,
-            by: p50,
+            by: By::Median,
         },
     };
     let nobody = Futex::new(0);

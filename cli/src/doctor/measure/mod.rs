@@ -31,7 +31,26 @@ struct Bounds {
     /// A bad one is more than this.
     bad: u64,
     /// The figure that is compared with them.
-    by: fn(&Times) -> u64,
+    by: By,
+}
+
+/// Which figure of a measurement is judged.
+#[derive(Debug, Clone, Copy)]
+enum By {
+    /// Of costs, since the measuring thread is interrupted too.
+    Median,
+    /// Of latencies: the 99th percentile, or the longest where there are less than a hundred.
+    Late,
+}
+
+impl By {
+    fn of(self, times: &Times) -> (&'static str, u64) {
+        match self {
+            Self::Median => ("p50", times.p50),
+            Self::Late if times.has_percentiles() => ("p99", times.p99),
+            Self::Late => ("max", times.max),
+        }
+    }
 }
 
 /// For the wake-up of a sleeping thread, and for the wait for a contended lock, which takes the
@@ -40,22 +59,12 @@ struct Bounds {
 const WAKE_UP: Bounds = Bounds {
     good: 50_000,
     bad: 1_000_000,
-    by: p99,
+    by: By::Late,
 };
 
 /// The `from` of a finding without times.
 const MEASUREMENT: &str = "the measurement";
 const AGAIN: &str = "run `luna doctor` again on an idle machine, without --quick";
-
-/// Latencies are judged by their 99th percentile.
-fn p99(times: &Times) -> u64 {
-    times.p99
-}
-
-/// Costs are given by their median, since the measuring thread is interrupted too.
-fn p50(times: &Times) -> u64 {
-    times.p50
-}
 
 /// A finding to be.
 struct Measurement {
@@ -103,8 +112,16 @@ impl Measurement {
         let unknown = |why: &str, how| (Seen::unknown(why, how, AGAIN), None);
         let (seen, ns) = match outcome.map(|Measured { times, how }| (times_of(times), how)) {
             Ok((Some(times), how)) => {
-                let read = times.text();
-                let seen = match (self.bounds.by)(&times) {
+                let (figure, judged) = self.bounds.by.of(&times);
+                let us = |ns: u64| ns as f64 / 1000.0;
+                let Bounds { good, bad, .. } = self.bounds;
+                let read = format!(
+                    "{}; good is {figure} up to {} µs, bad is more than {}",
+                    times.text(),
+                    us(good),
+                    us(bad)
+                );
+                let seen = match judged {
                     ns if ns <= self.bounds.good => Seen::good(read, how),
                     ns if ns <= self.bounds.bad => Seen::better(read, how, self.advice),
                     _ => Seen::bad(read, how, self.advice),
@@ -147,14 +164,22 @@ fn times_of(mut times: Vec<u64>) -> Option<Times> {
 }
 
 impl Times {
+    /// Whether there are enough of them for a 99th percentile.
+    fn has_percentiles(&self) -> bool {
+        self.samples >= 100
+    }
+
     fn text(&self) -> String {
         let us = |ns: u64| ns as f64 / 1000.0;
         // The cheap ones are tens of nanoseconds.
         let digits = if self.p50 < 1000 { 3 } else { 1 };
+        let p99 = match self.has_percentiles() {
+            true => format!(" p99 {:.digits$}", us(self.p99)),
+            false => String::new(),
+        };
         format!(
-            "p50 {:.digits$} p99 {:.digits$} max {:.digits$} us, of {}",
+            "p50 {:.digits$}{p99} max {:.digits$} µs, of {}",
             us(self.p50),
-            us(self.p99),
             us(self.max),
             self.samples
         )
@@ -213,10 +238,13 @@ mod tests {
             assert_eq!(found.verdict, verdict, "{p99}");
             assert_eq!(found.advice.is_some(), verdict != Verdict::Good);
         }
+        let few = judged([vec![1; 98], vec![60_000]].concat());
+        assert_eq!(few.verdict, Verdict::CouldBeBetter);
+        assert!(!few.read.contains("p99"), "{few:?}");
         assert_eq!(judged(Vec::new()).verdict, Verdict::Unknown);
         assert_eq!(
             judged(vec![1234; 3]).read,
-            "p50 1.2 p99 1.2 max 1.2 us, of 3"
+            "p50 1.2 max 1.2 µs, of 3; good is max up to 50 µs, bad is more than 1000"
         );
     }
 }

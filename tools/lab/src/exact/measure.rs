@@ -55,7 +55,8 @@ pub(crate) fn all(place: &Place, seed: u32) -> Result<Recorded, String> {
 /// The measured programs, without debug information.
 fn programs(place: &Place) -> Result<Vec<PathBuf>, String> {
     let mut luna = build::cargo();
-    luna.args(["build", "--release", "--bin", "luna"]);
+    luna.args(["build", "--release", "--bins"]);
+    luna.args(["--package", "luna-cli", "--package", "luna-demo"]);
     let mut guests = build::cargo();
     guests.args(["build", "--release", "--package", "luna-lab", "--examples"]);
     let folder = place.folder().join("exact");

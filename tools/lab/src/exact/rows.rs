@@ -171,7 +171,7 @@ pub(crate) fn all() -> Boots {
         ),
         Row {
             name: "demo's timer, 51 processes",
-            command: "/lab/luna demo --core 0 --seconds 1 --json".to_owned(),
+            command: "/lab/luna-demo --core 0 --seconds 1 --json".to_owned(),
             runs: 2,
             reading: Reading::Json("timer"),
             longest: QUIET,

@@ -2,6 +2,7 @@
 
 use super::names::KEYWORDS;
 use crate::model::Model;
+use std::fmt;
 use std::path::PathBuf;
 use toml::de::DeTable;
 
@@ -12,6 +13,18 @@ pub enum Luna {
     Folder(PathBuf),
     /// A version of crates.io.
     Version(String),
+    /// A repository: its address.
+    Git(String),
+}
+
+impl fmt::Display for Luna {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Folder(path) => write!(f, "in {}", path.display()),
+            Self::Version(version) => write!(f, "{version} of crates.io"),
+            Self::Git(url) => write!(f, "of {url}"),
+        }
+    }
 }
 
 impl Luna {
@@ -25,13 +38,18 @@ impl Luna {
                     "" => path.clone(),
                     _ => path.join(folder),
                 };
-                let path = path.display().to_string();
-                let path = path.replace('\\', "\\\\").replace('"', "\\\"");
-                format!("path = \"{path}\"")
+                format!("path = \"{}\"", escaped(&path.display().to_string()))
             }
             Self::Version(version) => format!("version = \"{version}\""),
+            // Cargo finds the package by its name.
+            Self::Git(url) => format!("git = \"{}\"", escaped(url)),
         }
     }
+}
+
+/// As within the quotation marks of a text of TOML.
+fn escaped(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('"', "\\\"")
 }
 
 /// Names of Cargo itself, of Rust's libraries, and of this one.

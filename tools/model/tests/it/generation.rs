@@ -242,6 +242,11 @@ fn the_manifest_depends_on_the_library_as_stated() {
         version.contains("luna-rt = { version = \"1.2.3\","),
         "{version}"
     );
+    let git = manifest(&Luna::Git("https://host.example/luna".to_owned()));
+    assert!(
+        git.contains("luna-rt = { git = \"https://host.example/luna\""),
+        "{git}"
+    );
     let folder = manifest(&Luna::Folder(PathBuf::from("/my \"luna\"")));
     assert!(
         folder.contains(r#"luna-rt = { path = "/my \"luna\"","#),

@@ -36,7 +36,7 @@ fn what_comes_through_each_time_is_good_and_what_loops_need_is_bad_without() {
         assert!(
             finding
                 .read
-                .ends_with("came through 2 of 2 times, after at most 9.0 us"),
+                .ends_with("came through 2 of 2 times, after at most 9.0 µs"),
             "{finding:?}"
         );
     }
