@@ -10,7 +10,7 @@
 //!   events. [`failover`]: jobs in order, by threads of which
 //!   some may hang.
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs.
-//! - [`facts`]: what the machine is. [`tai`]: the time that computers can have in common.
+//! - [`shortfall`]: what was refused, why, and how to get it. [`facts`]: what the machine is. [`tai`]: the time that computers can have in common.
 //! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
 //! - `file`: reading and writing without waiting (on Unix); [`socket`]: datagrams; [`new_file`]:
 //!   files that replace others as a whole.
@@ -47,6 +47,8 @@ pub mod memory;
 pub mod new_file;
 #[cfg(not(loom))]
 pub mod parent;
+#[cfg(not(loom))]
+pub mod shortfall;
 #[cfg(not(loom))]
 pub mod signals;
 #[cfg(not(loom))]

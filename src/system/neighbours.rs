@@ -8,8 +8,8 @@ use super::plan::{NamedThread, Placement, ProcessPlan};
 use crate::csp::composition::ThreadPart;
 use crate::notice::notice;
 use luna_core::ExecutorHandle;
-use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::Attributes;
+use luna_platform::thread::SpinRefusal;
 
 /// Why a thread on `core` is not to look for work before it sleeps: a neighbour, which is pinned to
 /// `neighbours_core`, may want to run there.
@@ -92,22 +92,21 @@ mod tests {
     use super::*;
     use crate::csp::composition::ThreadKind;
     use luna_core::{Executor, OsThread, ProcessSpec};
-    use luna_platform::shortfall::Shortfall;
-    use luna_platform::thread::available_cores;
+    use luna_platform::thread::{Refusal, available_cores};
     use std::time::Duration;
 
     const TIME: Duration = Duration::from_micros(20);
 
     /// An executor or an OS thread that looks for work before it sleeps, on `core`; and what the
     /// one that comes is refused.
-    fn after_one_has_come(core: usize, comes: Attributes) -> [(bool, Option<Shortfall>); 2] {
+    fn after_one_has_come(core: usize, comes: Attributes) -> [(bool, Option<Refusal>); 2] {
         let attributes = || Attributes::new("first").core(core).spin_before_sleep(TIME);
         let executor = Executor::start(attributes()).unwrap();
         let part = ThreadPart::obtained("first", ThreadKind::Executor, executor.obtained());
         let thread = OsThread::start(attributes(), ProcessSpec::new("first"), || async {}).unwrap();
         let refused = |attributes: Attributes| {
             let came = Executor::start(attributes).unwrap();
-            came.obtained().unwrap().shortfalls.first().cloned()
+            came.obtained().unwrap().refusals.first().cloned()
         };
 
         let mut of_second = comes.clone();
@@ -124,7 +123,7 @@ mod tests {
     #[test]
     fn one_that_comes_later_ends_the_looking_of_those_whose_core_it_shares() {
         let core = available_cores()[0];
-        let shared = |why| Some(Shortfall::Spin { asked: TIME, why });
+        let shared = |why| Some(Refusal::Spin { asked: TIME, why });
         let with = "first".to_owned();
         let comes = Attributes::new("second").core(core).spin_before_sleep(TIME);
         let refused = shared(SpinRefusal::SharedCore { with });

@@ -8,6 +8,5 @@ pub mod fence;
 pub(crate) mod futex;
 pub mod inside;
 pub mod lock;
-pub(crate) mod privileges;
 pub(crate) mod reactor;
 pub(crate) mod thread;

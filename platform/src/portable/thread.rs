@@ -2,8 +2,7 @@
 //! refused.
 
 use crate::on_drop::OnDrop;
-use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
-use crate::thread::{Attributes, Obtained, Policy};
+use crate::thread::{Attributes, Obtained, Policy, Refusal, Why};
 use std::marker::PhantomData;
 
 /// Nothing here can be inherited.
@@ -42,16 +41,16 @@ pub fn unpin() {}
 
 /// Applies the attributes to the calling thread: reports those that it cannot have. Its stack is
 /// not touched, since its bounds are unknown.
-pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
+pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Refusal> {
     let mut obtained = Obtained::stack_of(attributes);
     if let Some(asked) = attributes.core {
-        let why = CoreRefusal::Unsupported;
-        obtained.refused(attributes.mode, Shortfall::Core { asked, why })?;
+        let why = Why::Unsupported;
+        obtained.refused(attributes.mode, Refusal::Core { asked, why })?;
     }
     let asked = attributes.policy;
     if asked.is_real_time() {
-        let why = PolicyRefusal::Unsupported;
-        obtained.refused(attributes.mode, Shortfall::Policy { asked, why })?;
+        let why = Why::Unsupported;
+        obtained.refused(attributes.mode, Refusal::Policy { asked, why })?;
     }
     attributes.settle_spin(&mut obtained)?;
     Ok(obtained)

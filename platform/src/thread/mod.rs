@@ -3,7 +3,7 @@
 //! [`spawn`] makes a thread with a name, a core, a policy and a stack that is in memory already,
 //! runs its set-up on it, and returns only then. What was set is read back: a thread that reports
 //! `fifo:80` runs at it. What the system refuses is an error under [`Mode::Strict`] and a
-//! [`Shortfall`] in [`Obtained`] under [`Mode::BestEffort`].
+//! [`Refusal`] in [`Obtained`] under [`Mode::BestEffort`].
 //!
 //! Nothing is inherited by accident:
 //!
@@ -24,22 +24,22 @@
 //! make a thread.
 
 mod attributes;
-mod cores;
 mod policy;
+mod refusal;
 
 pub use attributes::{
     AttributeError, Attributes, DEFAULT_STACK_SIZE, MAXIMUM_STACK_SIZE, MINIMUM_STACK_SIZE, Mode,
     Obtained,
 };
-pub use cores::{core_list, write_core_list};
 pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError, TIMER_PRIORITY};
+
+pub use refusal::{Refusal, SpinRefusal, Why};
 
 pub use crate::backend::thread::HandlerStack;
 
 use crate::backend::thread as backend;
 use crate::on_drop::OnDrop;
 use crate::panics;
-use crate::shortfall::Shortfall;
 use std::convert::Infallible;
 use std::io;
 use std::sync::mpsc;
@@ -157,8 +157,8 @@ where
 ///
 /// let obtained = apply_to_current(&Attributes::new("me").policy(Policy::fifo(10)))?;
 /// assert_eq!(obtained.policy, current_policy());
-/// for shortfall in &obtained.shortfalls {
-///     eprintln!("{shortfall}");
+/// for refusal in &obtained.refusals {
+///     eprintln!("{refusal}");
 /// }
 /// # apply_to_current(&Attributes::new("me"))?;
 /// # Ok::<(), luna_platform::thread::SpawnError>(())
@@ -352,7 +352,7 @@ pub enum SpawnError<E = Infallible> {
     },
     /// The system refused an attribute under [`Mode::Strict`].
     #[error(transparent)]
-    Refused(Shortfall),
+    Refused(Refusal),
     /// The thread's set-up failed.
     #[error(transparent)]
     SetUp(E),

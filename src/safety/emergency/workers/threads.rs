@@ -8,9 +8,8 @@ use luna_core::ProcessRegistry;
 use luna_machine::crash::CrashWatch;
 use luna_machine::facts::Source;
 use luna_machine::signals::{self, Listeners, Signal, SignalError, SignalWatch};
-use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{
-    self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread,
+    self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Refusal, Thread,
 };
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -138,10 +137,10 @@ impl EmergencyThread {
     }
 
     /// What was refused to the workers.
-    pub(crate) fn shortfalls(&self) -> &[Shortfall] {
+    pub(crate) fn shortfalls(&self) -> &[Refusal] {
         // The others on duty were refused the same.
         let last = self.threads.last();
-        last.map_or(&[], |(_, thread)| &thread.obtained().shortfalls)
+        last.map_or(&[], |(_, thread)| &thread.obtained().refusals)
     }
 
     /// Ends the workers, which run the functions before that if there is an emergency. Returns the
