@@ -95,7 +95,8 @@ pub use error::{
 };
 pub use extended::{Extended, Held};
 pub use operation::{
-    Direction, Operation, Receiving, RecvOp, RecvTimeout, SendOp, SendTimeout, Sending, Timed,
+    Direction, GivesUp, Operation, Receiving, RecvOp, RecvTimeout, SendOp, SendTimeout, Sending,
+    Timed,
 };
 pub use receiver::Receiver;
 pub use sender::Sender;
@@ -107,7 +108,7 @@ pub use stream::Incoming;
 pub mod __private {
     //! What the macros name.
     pub use crate::alternative::{
-        Cons, Either, Guards, Never, Nil, Seed, Seeds, Select, Skip, guard, select,
+        Choice, Either, Never, Offer, Place, Seed, choose, guard, no_guard,
     };
 }
 

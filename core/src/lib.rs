@@ -99,12 +99,9 @@ mod files;
 mod interference;
 #[cfg(all(feature = "std", not(loom)))]
 mod os_thread;
-#[cfg(not(loom))]
 mod process;
 #[cfg(all(feature = "std", not(loom)))]
 mod simulation;
-#[cfg(not(loom))]
-mod task;
 #[cfg(not(loom))]
 mod yield_now;
 

@@ -20,13 +20,13 @@
 //! A node that waits alone belongs to a process of this very executor: only the executor that owns
 //! the bias lets a node wait so, and a lock is biased to no second one.
 //!
-//! [`meet`] does not depend on the type of the values, so all channels share one copy of it for
+//! [`Plain::meet`] does not depend on the type of the values, so all channels share one copy of it for
 //! each direction. A system has processes of many kinds, and its channels many types: with a copy
 //! for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between its
 //! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
 
 use super::Channel;
-use crate::alternative::{Commit, commit, take_first};
+use crate::alternative::{Commit, commit};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use core::hint::assert_unchecked;
@@ -51,20 +51,20 @@ pub(crate) enum FastPath {
     No,
 }
 
-/// A step of the fast path that depends on the type of the channel's values: the rest of [`meet`]
-/// where its condition holds. The lock was kept.
+/// A step that depends on the type of the channel's values: the rest of [`Plain::meet`] where its
+/// condition holds.
 ///
 /// # Safety
 ///
-/// `channel` is a pointer to the whole of a live channel of such values, and this thread has kept
-/// its lock. `node` is as for `meet`, of this channel and of the direction of the step.
+/// The arguments are those of a [`Plain`] operation, of the direction of the step, at a channel of
+/// such values. This thread has kept the lock of that.
 pub(crate) type Meet =
     unsafe fn(NonNull<WaitPoint>, NonNull<Waiter<()>>, PlainTurn<'_>) -> FastPath;
 
 impl FastPath {
     /// Of an operation that is done.
     #[inline(always)]
-    pub(super) fn done(turn: PlainTurn<'_>) -> FastPath {
+    fn done(turn: PlainTurn<'_>) -> FastPath {
         match turn.yields_after_operation() {
             true => FastPath::GaveWay,
             false => FastPath::Done,
@@ -72,96 +72,175 @@ impl FastPath {
     }
 }
 
-/// Meets the partner that waits alone, or lets the operation wait. O(1).
+/// A plain operation that is new: a send if `SEND`, else a receive. Functions that are not inlined
+/// take its fields in this order, so that none is moved between registers.
 ///
-/// # Safety
+/// # Invariants
 ///
-/// `node` is that of an operation of the channel around `wait_point`, a send if `SEND`, and not
-/// listed. A send's holds its value, and a receive's none. No other thread accesses it, and it
-/// stays where it is until it is settled or withdrawn. `channel` is a pointer to the whole channel.
-#[inline(always)]
-unsafe fn meet<const SEND: bool>(
+/// `channel` is a pointer to the whole of a live channel, which the operation's end keeps. `node`
+/// is the operation's, of that channel, and not listed: a send's holds its value, a receive's none.
+/// No other thread accesses it, and it stays where it is until it is settled or withdrawn. `turn`
+/// is that of the poll.
+#[derive(Clone, Copy)]
+pub(super) struct Plain<'a, const SEND: bool> {
     channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: `channel` leads to a whole channel, whose first field is the wait point. The
-    // operation with this node borrows an end, which keeps the channel.
-    let wait_point = unsafe { channel.as_ref() };
-    // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
-    // closure of a `send_with` runs under one, but it has no plain turn.
-    let lists = match unsafe { wait_point.enter(turn) } {
-        Ok(lists) => lists,
-        Err(Refused::NotBiased) => return FastPath::No,
-        Err(Refused::Revoked) => return wait_point.revoked(FastPath::No),
-    };
-    // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and no
-    // other thread accesses its value; it belongs to a process of this executor. A sender's node
-    // holds a value, and a receiver's none: this one by `# Safety`, the waiting one by the waiter's
-    // invariant. `moves_word` says that the channel's values need no mover. Where the lock was
-    // kept, the callee takes it back.
-    unsafe {
-        if let Some(partner) = lists.waiting.one(!SEND) {
-            if !lists.moves_word {
-                lists.keep();
-                return part_long::<SEND>(wait_point, node, turn, partner);
-            }
-            let (from, to) = match SEND {
-                true => (node, partner.cast()),
-                false => (partner.cast(), node),
-            };
-            Waiter::move_word(from, to);
-            return part::<SEND>(wait_point, lists, partner, turn);
+    turn: PlainTurn<'a>,
+}
+
+impl<'a, const SEND: bool> Plain<'a, SEND> {
+    /// # Safety
+    ///
+    /// By the type's invariants.
+    #[inline(always)]
+    pub(super) unsafe fn new(
+        channel: NonNull<WaitPoint>,
+        node: NonNull<Waiter<()>>,
+        turn: PlainTurn<'a>,
+    ) -> Self {
+        Self {
+            channel,
+            node,
+            turn,
         }
-        if lists.waiting.is_idle() {
-            return wait_alone::<SEND>(wait_point, lists, node, turn);
-        }
+    }
+
+    #[inline(always)]
+    pub(super) fn wait_point(self) -> &'a WaitPoint {
+        // SAFETY: by the invariants it leads to a live channel, whose first field is this.
+        unsafe { self.channel.as_ref() }
+    }
+
+    /// Meets what waits alone, or lets the operation wait. O(1).
+    #[inline(always)]
+    fn meet(self) -> FastPath {
+        let Self {
+            channel,
+            node,
+            turn,
+        } = self;
+        // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
+        // closure of a `send_with` runs under one, but it has no plain turn.
+        let lists = match unsafe { self.wait_point().enter(turn) } {
+            Ok(lists) => lists,
+            Err(Refused::NotBiased) => return FastPath::No,
+            Err(Refused::Revoked) => return self.wait_point().revoked(FastPath::No),
+        };
         let waiting = lists.waiting;
-        lists.keep();
-        if waiting.is_store() {
-            return meet_store::<SEND>(channel, node, turn);
+        // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and
+        // belongs to a process of this executor. `moves_word` says that the channel's values need
+        // no mover. Where the lock is kept, the callee takes it back, for this operation.
+        unsafe {
+            if let Some(partner) = waiting.one(!SEND) {
+                if !lists.moves_word {
+                    lists.keep();
+                    return part_long::<SEND>(channel, node, turn, partner);
+                }
+                let (from, to) = self.from_to(partner);
+                Waiter::move_word(from, to);
+                return part::<SEND>(self.wait_point(), lists, partner, turn);
+            }
+            if waiting.is_idle() {
+                return self.wait_alone(lists);
+            }
+            lists.keep();
+            let values = self.wait_point().identity.values;
+            if waiting.is_store() {
+                return match SEND {
+                    true => (values.store)(channel, node, turn),
+                    false => (values.take)(channel, node, turn),
+                };
+            }
+            if SEND && waiting == Waiting::REGISTERED {
+                return (values.send_to_registered)(channel, node, turn);
+            }
+            match waiting.guard(!SEND) {
+                Some(guard) => meet_guard::<SEND>(channel, node, turn, guard),
+                None => meet_queues::<SEND>(channel, node, turn),
+            }
         }
-        if SEND && waiting == Waiting::REGISTERED {
-            return (wait_point.identity.values.send_to_registered)(channel, node, turn);
+    }
+
+    /// Lets the operation wait alone.
+    ///
+    /// # Safety
+    ///
+    /// The lists are those of the channel, where nothing waits.
+    #[inline(always)]
+    pub(super) unsafe fn wait_alone(self, mut lists: InsideGuard<'_, WaitQueues>) -> FastPath {
+        // Read before the stores: the process is read once then.
+        let user = LastUser::process(self.turn.process().id());
+        // SAFETY: by the invariants the node is in no list and no other thread accesses it.
+        unsafe { Waiter::begin_alone(self.node, self.turn) };
+        lists.note_user(SEND, user);
+        lists.set_alone(self.node.cast(), SEND);
+        match lists.leave() {
+            true => FastPath::Waits,
+            false => self.wait_point().revoked(FastPath::Waits),
         }
-        match waiting.guard(!SEND) {
-            Some(guard) => meet_guard::<SEND>(wait_point, node, turn, guard),
-            None => meet_queues::<SEND>(channel, node, turn),
+    }
+
+    /// The node of the sender, and that of the receiver.
+    #[inline(always)]
+    fn from_to(self, partner: NonNull<WaitNode>) -> (NonNull<Waiter<()>>, NonNull<Waiter<()>>) {
+        match SEND {
+            true => (self.node, partner.cast()),
+            false => (partner.cast(), self.node),
+        }
+    }
+
+    /// Moves a value of any type.
+    ///
+    /// # Safety
+    ///
+    /// The lock is held. The partner waited for an operation of this side, and is not settled.
+    #[inline(always)]
+    unsafe fn move_value(self, partner: NonNull<WaitNode>) {
+        let (from, to) = self.from_to(partner);
+        // SAFETY: of the two nodes the sender's holds a value and the receiver's none: this one by
+        // the invariants, the partner's since it is not settled. The lock is held, so no other
+        // thread accesses them. A channel gives its wait point the mover for the type of its
+        // values, or none if a word holds one.
+        unsafe {
+            match self.wait_point().identity.values.mover {
+                Some(mover) => mover(from, to),
+                None => Waiter::move_word(from, to),
+            }
         }
     }
 }
 
-/// As the rest of [`meet`], at a channel with a buffer.
+/// The rest of [`Plain::meet`], for a value that is longer than a word.
 ///
 /// # Safety
 ///
-/// As for [`meet`], of a channel with a buffer. The lock was kept.
-#[inline(always)]
-unsafe fn meet_store<const SEND: bool>(
+/// As for [`Plain`]; the lock was kept, and `partner` waits alone for an operation of this side.
+#[inline(never)]
+unsafe fn part_long<const SEND: bool>(
     channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
+    partner: NonNull<WaitNode>,
 ) -> FastPath {
-    // SAFETY: the channel is live, as for `meet`. Its steps are those for the type of its values,
-    // and the lock was kept, which they take back. The node is passed on as it was given.
+    // SAFETY: the lock was kept, and is taken back once. The partner waits alone, as `move_value`
+    // and `part` demand.
     unsafe {
-        let values = channel.as_ref().identity.values;
-        match SEND {
-            true => (values.store)(channel, node, turn),
-            false => (values.take)(channel, node, turn),
-        }
+        let plain = Plain::<SEND>::new(channel, node, turn);
+        plain.move_value(partner);
+        let wait_point = plain.wait_point();
+        part::<SEND>(wait_point, wait_point.kept(turn), partner, turn)
     }
 }
 
-/// As the rest of [`meet`], where a guard waits alone for an operation of this side: its
+/// The rest of [`Plain::meet`], where a guard waits alone for an operation of this side: its
 /// alternative is committed first.
 ///
 /// # Safety
 ///
-/// As for [`meet`]; the lock was kept, and `guard` waits alone for an operation of this side.
+/// As for [`Plain`]; the lock was kept, and `guard` waits alone for an operation of this side.
 #[inline(never)]
 unsafe fn meet_guard<const SEND: bool>(
-    wait_point: &WaitPoint,
+    channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
     guard: NonNull<WaitNode>,
@@ -169,28 +248,30 @@ unsafe fn meet_guard<const SEND: bool>(
     // SAFETY: the lock was kept, and is taken back once. A guard that waits alone was begun with
     // its select state, and no other thread can withdraw it under the lock: so `commit` finds that
     // live. A stale guard is settled before `wait_alone` overwrites its note; a chosen one is taken
-    // off for `give`.
+    // off for `depart`.
     unsafe {
-        let mut lists = wait_point.kept(turn);
+        let plain = Plain::<SEND>::new(channel, node, turn);
+        let mut lists = plain.wait_point().kept(turn);
         match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
             Commit::Chosen(ready) => {
                 lists.set_nothing_waits();
-                give::<SEND>(wait_point, lists, node, (guard, ready), turn)
+                plain.move_value(guard);
+                depart::<SEND>(plain.wait_point(), lists, (guard, ready), turn)
             }
             Commit::Stale => {
                 Waiter::<()>::settle_stale(guard.cast());
-                wait_alone::<SEND>(wait_point, lists, node, turn)
+                plain.wait_alone(lists)
             }
             Commit::No => go_on_inside(lists),
         }
     }
 }
 
-/// As the rest of [`meet`], where something else waits, or has waited until now.
+/// The rest of [`Plain::meet`], where something else waits, or has waited until now.
 ///
 /// # Safety
 ///
-/// As for [`meet`]; the lock was kept.
+/// As for [`Plain`]; the lock was kept.
 #[cold]
 #[inline(never)]
 unsafe fn meet_queues<const SEND: bool>(
@@ -198,8 +279,7 @@ unsafe fn meet_queues<const SEND: bool>(
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the channel is live, as for `meet`. The lock was kept, and is taken back once. `send`
-    // and `recv` are called without it, with the node as it was given.
+    // SAFETY: the lock was kept, and is taken back once; the operation meets again without it.
     unsafe {
         let mut lists = channel.as_ref().kept(turn);
         if !lists.leave_queues() {
@@ -220,29 +300,65 @@ pub(super) fn go_on_inside(lists: InsideGuard<'_, WaitQueues>) -> FastPath {
     FastPath::Inside
 }
 
-/// Lets the operation wait alone.
+/// [`Plain::meet`]: the copy for all sends.
 ///
 /// # Safety
 ///
-/// `node` is as for [`meet`]; the lists are those of `wait_point`, where nothing waits.
-#[inline(always)]
-pub(super) unsafe fn wait_alone<const SEND: bool>(
-    wait_point: &WaitPoint,
-    mut lists: InsideGuard<'_, WaitQueues>,
+/// As for [`Plain`].
+#[inline(never)]
+unsafe fn send(
+    channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // Read before the stores: the process is read once then.
-    let user = LastUser::process(turn.process().id());
-    // SAFETY: the node is in no list and no other thread accesses it, as for `meet`: what
-    // `begin_alone` demands.
-    unsafe { Waiter::begin_alone(node, turn) };
-    lists.note_user(SEND, user);
-    lists.set_alone(node.cast(), SEND);
-    if !lists.leave() {
-        return wait_point.revoked(FastPath::Waits);
+    // SAFETY: as is demanded here.
+    unsafe { Plain::<true>::new(channel, node, turn) }.meet()
+}
+
+/// [`Plain::meet`]: the copy for all receives.
+///
+/// # Safety
+///
+/// As for [`Plain`].
+#[inline(never)]
+unsafe fn recv(
+    channel: NonNull<WaitPoint>,
+    node: NonNull<Waiter<()>>,
+    turn: PlainTurn<'_>,
+) -> FastPath {
+    // SAFETY: as is demanded here.
+    unsafe { Plain::<false>::new(channel, node, turn) }.meet()
+}
+
+impl<T> Channel<T> {
+    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes.
+    ///
+    /// # Safety
+    ///
+    /// `node` is a plain operation's and not listed, and no other thread accesses it. A send's
+    /// holds its value, a receive's none. It stays where it is until it is settled or withdrawn.
+    #[inline(always)]
+    pub(crate) unsafe fn meet_fast(
+        &self,
+        is_sender: bool,
+        node: NonNull<Waiter<T>>,
+        turn: PlainTurn<'_>,
+    ) -> FastPath {
+        // The wait point is the channel's first field.
+        let channel = NonNull::from(self).cast();
+        // SAFETY: `channel` was made of a reference to the whole. By `# Safety` the node is new,
+        // holds a value if it sends and none if it receives, is known to its future alone, and
+        // stays: as [`Plain`] demands.
+        let met = unsafe {
+            match is_sender {
+                true => send(channel, node.cast(), turn),
+                false => recv(channel, node.cast(), turn),
+            }
+        };
+        #[cfg(test)]
+        taken::note(met);
+        met
     }
-    FastPath::Waits
 }
 
 /// Lets the partner go after the value was moved: it is ready from here on.
@@ -312,51 +428,6 @@ pub(crate) unsafe fn wake_partner(ready: PlainPendingWake, turn: PlainTurn<'_>) 
     }
 }
 
-/// As the rest of [`meet`], for a value that is longer than a word. The lock was kept. The
-/// arguments are in the order of `meet`, so that none is moved between registers.
-///
-/// # Safety
-///
-/// As for [`meet`]; the lock was kept, and `partner` waits alone for an operation of this side.
-#[inline(never)]
-unsafe fn part_long<const SEND: bool>(
-    wait_point: &WaitPoint,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-    partner: NonNull<WaitNode>,
-) -> FastPath {
-    let (from, to) = match SEND {
-        true => (node, partner.cast()),
-        false => (partner.cast(), node),
-    };
-    // SAFETY: of the two nodes the sender's holds a value and the receiver's none: `node` as for
-    // `meet`, the partner's since it waits. The lock was kept, so no other thread accesses them,
-    // and `kept` takes it back once. The partner waits alone, as `part` demands.
-    unsafe {
-        move_value(wait_point, from, to);
-        let lists = wait_point.kept(turn);
-        part::<SEND>(wait_point, lists, partner, turn)
-    }
-}
-
-/// Moves a value of any type between two nodes.
-///
-/// # Safety
-///
-/// As for [`Mover`](crate::wait_point::Mover): `from` holds a value, `to` holds none, and no other
-/// thread accesses either. Both are nodes of the channel around `wait_point`.
-#[inline(always)]
-unsafe fn move_value(wait_point: &WaitPoint, from: NonNull<Waiter<()>>, to: NonNull<Waiter<()>>) {
-    // SAFETY: a channel gives its wait point the mover for the type of its values, or none if a
-    // word holds one: so it fits both nodes. What it demands of their values is demanded here.
-    unsafe {
-        match wait_point.identity.values.mover {
-            Some(mover) => mover(from, to),
-            None => Waiter::move_word(from, to),
-        }
-    }
-}
-
 /// As the rest of [`part`].
 ///
 /// # Safety
@@ -387,94 +458,6 @@ unsafe fn wake_otherwise(ready: PlainPendingWake, turn: PlainTurn<'_>) -> FastPa
         ready.fetch();
         ready.wake();
         FastPath::done(turn)
-    }
-}
-
-/// Moves the value between the operation with this node and a partner that does not wait any more,
-/// and lets the partner go.
-///
-/// # Safety
-///
-/// `node` is as for [`meet`], and the lists are those of `wait_point`. The partner waited for an
-/// operation of this side. It was committed and taken off, is not settled, and comes with its wake,
-/// made in a plain turn on this thread.
-#[inline(always)]
-unsafe fn give<const SEND: bool>(
-    wait_point: &WaitPoint,
-    lists: InsideGuard<'_, WaitQueues>,
-    node: NonNull<Waiter<()>>,
-    partner: (NonNull<WaitNode>, PlainPendingWake),
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: of the two nodes the sender's holds a value and the receiver's none: `node` as for
-    // `meet`, the partner's since it waited and is not settled. The lock is held, so no other
-    // thread accesses them. Then the value was moved, and the partner is as `depart` demands.
-    unsafe {
-        let (from, to) = match SEND {
-            true => (node, partner.0.cast()),
-            false => (partner.0.cast(), node),
-        };
-        move_value(wait_point, from, to);
-        depart::<SEND>(wait_point, lists, partner, turn)
-    }
-}
-
-/// As [`meet`].
-///
-/// # Safety
-///
-/// As for [`meet`], of `channel` and `node`.
-#[inline(never)]
-unsafe fn send(
-    channel: NonNull<WaitPoint>,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: `channel` and `node` are as `meet` demands, since this demands the same of a send's.
-    unsafe { meet::<true>(channel, node, turn) }
-}
-
-/// As [`meet`].
-///
-/// # Safety
-///
-/// As for [`meet`], of `channel` and `node`.
-#[inline(never)]
-unsafe fn recv(
-    channel: NonNull<WaitPoint>,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: `channel` and `node` are as `meet` demands, since this demands the same of a
-    // receive's.
-    unsafe { meet::<false>(channel, node, turn) }
-}
-
-impl<T> Channel<T> {
-    /// Meets the partner, or lets the operation wait. O(1), without atomic read-modify-writes.
-    ///
-    /// # Safety
-    ///
-    /// `node` is a plain operation's and not listed, and no other thread accesses it. A send's
-    /// holds its value, a receive's none. It stays where it is until it is settled or withdrawn.
-    #[inline(always)]
-    pub(crate) unsafe fn meet_fast(
-        &self,
-        is_sender: bool,
-        node: NonNull<Waiter<T>>,
-        turn: PlainTurn<'_>,
-    ) -> FastPath {
-        // The wait point is the channel's first field.
-        let channel = NonNull::from(self).cast();
-        // SAFETY: `channel` was made of a reference to the whole. By `# Safety` the node is new,
-        // holds a value if it sends and none if it receives, is known to its future alone, and
-        // stays: as `meet` demands.
-        unsafe {
-            match is_sender {
-                true => send(channel, node.cast(), turn),
-                false => recv(channel, node.cast(), turn),
-            }
-        }
     }
 }
 
@@ -512,70 +495,40 @@ fn give_way(turn: PlainTurn<'_>) -> FastPath {
 }
 
 /// Lets a partner go that waits alone and that an alternative has met, after the value was moved.
-/// The lock was kept.
 ///
 /// # Safety
 ///
-/// This thread has kept the lock, and the value was moved. The partner waits alone.
+/// The lists are those of `wait_point`, and the value was moved. The partner waits alone.
 #[inline(always)]
 pub(crate) unsafe fn part_alone(
     wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
     partner: NonNull<WaitNode>,
     by_sender: bool,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the lock was kept, the value was moved, and the partner waits alone, as is demanded
-    // here and there.
+    // SAFETY: the lists are those of the wait point, the value was moved, and the partner waits
+    // alone, as is demanded here and there.
     unsafe {
         match by_sender {
-            true => part_kept::<true>(wait_point, partner, turn),
-            false => part_kept::<false>(wait_point, partner, turn),
+            true => part_met::<true>(wait_point, lists, partner, turn),
+            false => part_met::<false>(wait_point, lists, partner, turn),
         }
     }
 }
 
 /// # Safety
 ///
-/// As for [`part_alone`]: the lock was kept, the value was moved, and the partner waits alone.
+/// As for [`part_alone`].
 #[inline(never)]
-unsafe fn part_kept<const SEND: bool>(
+unsafe fn part_met<const SEND: bool>(
     wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
     partner: NonNull<WaitNode>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once. The partner waits alone, as `part`
-    // demands.
-    unsafe { part::<SEND>(wait_point, wait_point.kept(turn), partner, turn) }
-}
-
-/// As [`part_alone`], for the first partner of a queue.
-///
-/// # Safety
-///
-/// This thread has kept the lock, of a plain channel without a buffer, and the value was moved. The
-/// partner is the first of its queue and a plain operation, of which
-/// [`Waiter::has_plain_wake_handle`] is true.
-#[cold]
-#[inline(never)]
-pub(crate) unsafe fn part_queued(
-    wait_point: &WaitPoint,
-    by_sender: bool,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
-    // without a buffer, as is demanded here. The partner was taken off, as `depart` demands.
-    unsafe {
-        let mut lists = wait_point.kept(turn);
-        let queue = match by_sender {
-            true => lists.waiting_for::<true>(),
-            false => lists.waiting_for::<false>(),
-        };
-        match (take_first(queue, turn), by_sender) {
-            (Some(Some(partner)), true) => depart::<true>(wait_point, lists, partner, turn),
-            (Some(Some(partner)), false) => depart::<false>(wait_point, lists, partner, turn),
-            _ => unreachable!("the first of a queue has changed under the lock"),
-        }
-    }
+    // SAFETY: as is demanded here.
+    unsafe { part::<SEND>(wait_point, lists, partner, turn) }
 }
 
 impl<T> Channel<T> {
@@ -635,7 +588,8 @@ impl<T> Channel<T> {
             let mut lists = this.wait_point.kept(turn);
             let stored = this.store.with(|store| (*store).len());
             if stored == 0 {
-                return wait_for_value(&this.wait_point, lists, node, turn);
+                lists.keep();
+                return wait_for_value(channel, node, turn);
             }
             let value = this.store.with_mut(|store| (*store).pop_front());
             Waiter::put_value_of(node.cast::<Waiter<T>>(), value.unwrap_unchecked());
@@ -646,16 +600,121 @@ impl<T> Channel<T> {
     }
 }
 
+/// The rest of [`Channel::take_stored_fast`] where nothing is stored.
+///
 /// # Safety
 ///
-/// As for [`wait_alone`], of a receive.
+/// As for [`Meet`], of a receive at a channel with a buffer where nothing waits.
 #[inline(never)]
 unsafe fn wait_for_value(
-    wait_point: &WaitPoint,
-    lists: InsideGuard<'_, WaitQueues>,
+    channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: as is demanded here.
-    unsafe { wait_alone::<false>(wait_point, lists, node, turn) }
+    // SAFETY: the lock was kept, and is taken back once; nothing waits.
+    unsafe {
+        let plain = Plain::<false>::new(channel, node, turn);
+        plain.wait_alone(plain.wait_point().kept(turn))
+    }
+}
+
+/// Counts what the prologue has completed, for tests that mean it.
+#[cfg(test)]
+pub(crate) mod taken {
+    use super::FastPath;
+    use core::sync::atomic::{AtomicUsize, Ordering};
+
+    static TAKEN: AtomicUsize = AtomicUsize::new(0);
+
+    pub(super) fn note(met: FastPath) {
+        if !matches!(met, FastPath::Inside | FastPath::No) {
+            TAKEN.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// How many operations the prologue has completed, or has let wait, in this program.
+    pub(crate) fn count() -> usize {
+        TAKEN.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(all(test, feature = "std", not(loom), target_os = "linux"))]
+mod tests {
+    use super::taken;
+    use crate::{Buffer, Receiver, Sender, buffered, channel, pri_alt};
+    use luna_core::{Executor, Exit, ProcessSpec};
+    use luna_platform::thread::Attributes;
+
+    /// So many operations until the lock is biased, with some to spare.
+    const SHARED: u64 = 64;
+    const VALUES: u64 = 1000;
+
+    /// Lets one process send to another one of its executor. All but the first operations are those
+    /// of the prologue.
+    fn is_taken<T, F>(
+        (sender, receiver): (Sender<T>, Receiver<T>),
+        value: fn(u64) -> T,
+        recv: fn(Receiver<T>) -> F,
+    ) where
+        T: Send + 'static,
+        F: Future<Output = ()> + Send + 'static,
+    {
+        let executor = Executor::start(Attributes::new("own")).unwrap();
+        let before = taken::count();
+        let sends = executor.spawn(ProcessSpec::new("sends"), move || async move {
+            for number in 0..VALUES {
+                assert!(sender.send(value(number)).await.is_ok());
+            }
+        });
+        let takes = executor.spawn(ProcessSpec::new("takes"), move || recv(receiver));
+        executor.release();
+        for process in [sends, takes] {
+            assert_eq!(process.wait(), Exit::Completed);
+        }
+        // Other tests of this program may add to it.
+        let taken = taken::count() - before;
+        assert!(taken as u64 >= 2 * (VALUES - SHARED), "{taken}");
+    }
+
+    async fn take_all<T>(receiver: Receiver<T>) {
+        while receiver.recv().await.is_ok() {}
+    }
+
+    #[test]
+    fn words_and_long_values_go_by_the_prologue() {
+        is_taken(channel(), |number| number, take_all);
+        is_taken(channel(), |number| [number; 4], take_all);
+    }
+
+    #[test]
+    fn buffered_values_go_by_the_prologue() {
+        // Room for all: a sender that finds it full goes on under the lock.
+        let room = || buffered(Buffer::fifo(VALUES as usize));
+        is_taken(room(), |number| number as u8, take_all);
+    }
+
+    #[test]
+    fn guards_are_met_by_the_prologue() {
+        let executor = Executor::start(Attributes::new("own")).unwrap();
+        let ((sender, receiver), (_open, other)) = (channel::<u64>(), channel::<u64>());
+        let before = taken::count();
+        let sends = executor.spawn(ProcessSpec::new("sends"), move || async move {
+            for number in 0..VALUES {
+                assert!(sender.send(number).await.is_ok());
+            }
+        });
+        let takes = executor.spawn(ProcessSpec::new("takes"), move || async move {
+            for number in 0..VALUES {
+                pri_alt! {
+                    got = receiver.recv() => assert_eq!(got, Ok(number)),
+                    _ = other.recv() => panic!("nothing is sent there"),
+                }
+            }
+        });
+        executor.release();
+        for process in [sends, takes] {
+            assert_eq!(process.wait(), Exit::Completed);
+        }
+        assert!((taken::count() - before) as u64 >= VALUES - SHARED);
+    }
 }

@@ -2,7 +2,7 @@
 //! [`prologue`](super::prologue), with an [`Alternative`](crate::Alternative) on the receiving
 //! side.
 
-use super::prologue::{depart, go_on_inside, wait_alone};
+use super::prologue::{Plain, depart, go_on_inside};
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
@@ -35,13 +35,13 @@ impl<T> Channel<T> {
                 return go_on_inside(lists);
             };
             let select_state = Entry::<T>::select_state(node.cast());
-            let committed = match select_state.commit_lock_if_biased(turn) {
-                Some(_commit_lock) => Entry::<T>::commit_or_announce(node.cast()),
+            let committed = match select_state.commit_lock_if_biased(turn.here()) {
+                Some(mut opening) => Entry::<T>::commit_or_announce(node.cast(), &mut opening),
                 None => None,
             };
             match committed {
                 None => go_on_inside(lists),
-                Some(None) => wait_alone::<true>(wait_point, lists, sender, turn),
+                Some(None) => Plain::<true>::new(channel, sender, turn).wait_alone(lists),
                 Some(Some(ready)) => {
                     let value = Waiter::<T>::take_value_of(sender.cast());
                     Waiter::<T>::put_value_of(node.cast(), value);

@@ -1,6 +1,7 @@
 //! The fast path: a model thread is an executor's, and owns the bias of the channel's lock.
 
-use super::{Drops, Token, check_within, recv_id};
+use super::{Drops, Token, check_within};
+use crate::core::taken;
 use crate::lock_sync::Mutex;
 use crate::{Alternative, Barrier, Party, Receiver, Sender, channel, pri_alt};
 use loom::future::block_on;
@@ -9,6 +10,7 @@ use loom::thread;
 use luna_core::biased_lock;
 use luna_core::current::{self, ExecutorId, Methods, Process, ProcessId, QueueEnd};
 use luna_core::timer_queue::TimerQueue;
+use std::borrow::Borrow;
 use std::cell::{Cell, RefCell};
 use std::future::Future;
 use std::pin::Pin;
@@ -52,33 +54,26 @@ impl Bell {
     }
 }
 
-static METHODS: Methods = Methods {
-    ready_elsewhere,
-    free,
-    poll: |_, _| {},
-    poll_attentively: |_, _| {},
-    body: |_| 0..0,
-    seldom: None,
-};
+static METHODS: Methods = Methods::without_body(ready_elsewhere, free);
 
 /// # Safety
 ///
-/// `owner` is a task that is not freed yet, as [`Methods`] requires; the level is the process'
-/// number.
-unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
-    // SAFETY: the owner of a process stays valid until `free` is called for it.
-    unsafe { owner.cast::<Task>().as_ref() }
+/// `process` is that of a task that is not freed yet, as [`Methods`] require; the level is the
+/// process' number.
+unsafe fn ready_elsewhere(process: NonNull<Process>, level: u8) {
+    // SAFETY: a task stays valid until `free` is called for it.
+    unsafe { process.cast::<Task>().as_ref() }
         .bell
         .ring(usize::from(level));
 }
 
 /// # Safety
 ///
-/// `owner` is a task that has ended, without any reference to it, as [`Methods`] requires.
-unsafe fn free(owner: NonNull<()>) {
+/// `process` is that of a task that has ended, without any reference to it, as [`Methods`] require.
+unsafe fn free(process: NonNull<Process>) {
     // SAFETY: this is called once for each task, without any reference to it; `Executor::run` made
     // it of a box.
-    drop(unsafe { Box::from_raw(owner.cast::<Task>().as_ptr()) });
+    drop(unsafe { Box::from_raw(process.cast::<Task>().as_ptr()) });
 }
 
 /// Makes the calling model thread an executor's until it is dropped.
@@ -123,7 +118,7 @@ impl Executor {
             // once, below. The waker is known by its address, and its wake is never used.
             unsafe {
                 task.as_ref().process.set_waker(Waker::noop().clone());
-                task.as_ref().process.set_owner(task.cast(), &METHODS);
+                Process::set_methods(task.cast(), &METHODS);
                 task.as_ref().process.ready_at(level, QueueEnd::Back);
             }
             level += 1;
@@ -133,9 +128,9 @@ impl Executor {
         let is_over = |task: &NonNull<Task>| unsafe { task.as_ref() }.is_over.get();
         while !tasks.iter().all(is_over) {
             // SAFETY: each process that is taken out is given its turn at once.
-            while let Some(owner) = unsafe { current::next_ready() } {
-                // SAFETY: it was woken by its owner, which is live until its end.
-                unsafe { Self::give_turn(owner.cast().as_ref()) };
+            while let Some(process) = unsafe { current::next_ready() } {
+                // SAFETY: its task is live until its end.
+                unsafe { Self::give_turn(process.cast().as_ref()) };
             }
             if tasks.iter().all(is_over) {
                 break;
@@ -190,17 +185,23 @@ impl Executor {
     }
 }
 
+/// A token, or one that is moved as a word.
+trait Value: From<Token> + Borrow<Token> + Send + 'static {}
+impl Value for Token {}
+impl Value for Word {}
+type Word = Box<Token>;
+
 /// Receives until the channel has ended, and notes which tokens came.
-async fn take_all(receiver: Receiver<Token>, taken: Rc<RefCell<Vec<usize>>>) {
+async fn take_all<V: Value>(receiver: Receiver<V>, taken: Rc<RefCell<Vec<usize>>>) {
     while let Ok(token) = receiver.recv().await {
-        taken.borrow_mut().push(token.id);
+        taken.borrow_mut().push(token.borrow().id);
     }
 }
 
 /// Sends the tokens 1 and 2, and notes which went.
-async fn send_two(sender: Sender<Token>, drops: Drops, sent: Rc<RefCell<Vec<usize>>>) {
+async fn send_two<V: Value>(sender: Sender<V>, drops: Drops, sent: Rc<RefCell<Vec<usize>>>) {
     for id in [1, 2] {
-        if sender.send(drops.token(id)).await.is_ok() {
+        if sender.send(drops.token(id).into()).await.is_ok() {
             sent.borrow_mut().push(id);
         }
     }
@@ -209,16 +210,13 @@ async fn send_two(sender: Sender<Token>, drops: Drops, sent: Rc<RefCell<Vec<usiz
 /// A sender and a receiver on the biased thread, and `other` on another one, which returns what it
 /// has received and sent. All that was sent is received once, in order, and each token is dropped
 /// once.
-fn against(
+fn against<V: Value>(
     tokens: usize,
-    other: impl Fn(Sender<Token>, Receiver<Token>, Drops) -> [Option<usize>; 2]
-    + Copy
-    + Send
-    + Sync
-    + 'static,
+    other: impl Fn(Sender<V>, Receiver<V>, Drops) -> [Option<usize>; 2] + Copy + Send + Sync + 'static,
 ) {
     // Either process runs first, so that each is the one that waits.
     for sends_first in [false, true] {
+        let before = taken::count();
         check_within(PREEMPTIONS, move || {
             let drops = Drops::default();
             let executor = Executor::enter();
@@ -243,28 +241,36 @@ fn against(
             assert_eq!(taken, sent);
             assert_eq!(drops.count(), tokens);
         });
+        assert!(taken::count() > before, "no prologue was taken");
     }
 }
 
 #[test]
 fn a_try_send_from_another_thread_ends_the_bias() {
-    against(3, |sender, receiver, drops| {
+    fn send(
+        sender: Sender<impl Value>,
+        receiver: Receiver<impl Value>,
+        drops: Drops,
+    ) -> [Option<usize>; 2] {
         drop(receiver);
-        [None, sender.try_send(drops.token(3)).is_ok().then_some(3)]
-    });
+        let sent = sender.try_send(drops.token(3).into());
+        [None, sent.is_ok().then_some(3)]
+    }
+    against::<Token>(3, send);
+    against::<Word>(3, send);
 }
 
 #[test]
 fn a_receiver_comes_by_the_slow_path() {
-    against(2, |sender, receiver, _| {
+    against(2, |sender: Sender<Word>, receiver, _| {
         drop(sender);
-        [recv_id(&receiver).ok(), None]
+        [block_on(receiver.recv()).ok().map(|word| word.id), None]
     });
 }
 
 #[test]
 fn an_alternative_comes_from_another_thread() {
-    against(2, |sender, receiver, _| {
+    against(2, |sender: Sender<Token>, receiver, _| {
         drop(sender);
         let (_never, other) = channel::<Token>();
         let got = block_on(async {
@@ -279,7 +285,7 @@ fn an_alternative_comes_from_another_thread() {
 
 #[test]
 fn the_channel_is_poisoned_from_another_thread() {
-    against(2, |sender, receiver, _| {
+    against(2, |sender: Sender<Word>, receiver, _| {
         drop(receiver);
         sender.poison();
         [None, None]
@@ -330,25 +336,25 @@ fn a_party_resigns_on_another_thread() {
 /// A process of the executor receives two values, by an alternative or an `Alternative` over two
 /// channels. Another process sends one on the first channel, and another thread sends one on the
 /// second: it revokes the bias of the commit lock.
-fn alternative_against<F: Future<Output = usize> + 'static>(
-    receive_two: impl Fn([Receiver<Token>; 2]) -> F + Copy + Send + Sync + 'static,
+fn alternative_against<V: Value, F: Future<Output = usize> + 'static>(
+    receive_two: impl Fn([Receiver<V>; 2]) -> F + Copy + Send + Sync + 'static,
 ) {
     for sends_first in [false, true] {
         check_within(PREEMPTIONS, move || {
             let drops = Drops::default();
             let executor = Executor::enter();
-            let (sender, receiver) = executor.channel();
+            let (sender, receiver) = executor.channel::<V>();
             let (from_elsewhere, other) = executor.channel();
             // Neither channel ends before both values have come.
             let _open = (sender.clone(), from_elsewhere.clone());
             let theirs = drops.clone();
             let thread = thread::spawn(move || {
-                let sent = block_on(from_elsewhere.send(theirs.token(2)));
+                let sent = block_on(from_elsewhere.send(theirs.token(2).into()));
                 assert!(sent.is_ok());
             });
             let token = drops.token(1);
             let sends: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async move {
-                assert!(sender.send(token).await.is_ok());
+                assert!(sender.send(token.into()).await.is_ok());
             });
             let takes = Box::pin(async move {
                 assert_eq!(receive_two([receiver, other]).await, 3);
@@ -366,21 +372,23 @@ fn alternative_against<F: Future<Output = usize> + 'static>(
 /// Also a model of the owner that leaves the commit lock after it has committed the alternative.
 #[test]
 fn an_alternative_of_the_executor_is_met_from_another_thread() {
-    alternative_against(|[receiver, other]| async move {
+    async fn receive_two([receiver, other]: [Receiver<impl Value>; 2]) -> usize {
         let mut sum = 0;
         for _ in 0..2 {
             sum += pri_alt! {
-                token = receiver.recv() => token.map_or(0, |token| token.id),
-                token = other.recv() => token.map_or(0, |token| token.id),
+                token = receiver.recv() => token.map_or(0, |token| token.borrow().id),
+                token = other.recv() => token.map_or(0, |token| token.borrow().id),
             };
         }
         sum
-    });
+    }
+    alternative_against::<Token, _>(receive_two);
+    alternative_against::<Word, _>(receive_two);
 }
 
 #[test]
 fn a_registered_alternative_of_the_executor_is_met_from_another_thread() {
-    alternative_against(|receivers| async move {
+    alternative_against(|receivers: [Receiver<Word>; 2]| async move {
         let mut both = Alternative::prioritized(&receivers);
         let mut sum = 0;
         for _ in 0..2 {

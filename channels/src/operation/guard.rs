@@ -1,7 +1,7 @@
 //! An operation as a guard of an alternative.
 
 use super::{Direction, Operation, Phase};
-use crate::alternative::{Attempt, Guard, PlainGuard, RawGuard, Terms};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::core::Attempted;
 use crate::in_place::InPlace;
 use crate::select_state::SelectState;
@@ -11,15 +11,17 @@ use core::hint::cold_path;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::current::Here;
+use luna_core::current::{self, Here, Renewal};
 use luna_core::wait_list::WaitNode;
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
 unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
-    #[inline]
-    fn terms(&self) -> Terms<'_> {
+    #[inline(always)]
+    fn terms(&self) -> Terms {
         Terms {
-            can_fail: true,
+            plain: D::PLAIN_GUARD.then(|| self.waiter().cast()),
+            of_sender: D::SEND,
+            can_fail: !D::ANSWERED,
             ..Terms::at(self.channel().wait_point(), &self.end.chosen)
         }
     }
@@ -86,9 +88,13 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
             // The committing thread holds the lock until it is settled. SAFETY: the node was
             // listed.
-            outcome = unsafe { this.channel().update_wake_handle(this.waiter(), cx) };
+            outcome = unsafe { this.renew_wake_handle(Renewal::of(cx)) };
         }
         match outcome {
+            // A failed branch does not wait for an answer.
+            Outcome::Held | Outcome::Waiting if D::ANSWERED && current::branch_failed() => {
+                this.leave_failed();
+            }
             // One that is held waits again when its receive is dropped.
             Outcome::Held | Outcome::Waiting => return Poll::Pending,
             Outcome::Broken => this.broken(),
@@ -123,14 +129,32 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         this.phase = Phase::Settled(Outcome::Poisoned);
         true
     }
+
+    fn note_listed(self: Pin<&mut Self>) {
+        let this = self.in_place();
+        if this.phase == Phase::New {
+            this.phase = Phase::Listed;
+        }
+    }
+
+    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
+        let this = self.in_place();
+        let (from, to) = match D::SEND {
+            true => (this.waiter(), partner.cast()),
+            false => (partner.cast(), this.waiter()),
+        };
+        // SAFETY: the partner is a plain operation that waits at the other side of this channel,
+        // whose lock is held, and this is new, as is demanded here. So the send's node holds its
+        // value, the receive's holds none, and no other thread accesses either.
+        unsafe { Waiter::put_value_of(to, Waiter::take_value_of(from)) };
+        this.phase = Phase::Settled(Outcome::Done);
+    }
 }
 
 impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     type Output = Result<D::Success<'a>, D::Failure>;
     type Seed = D::Seed<'a>;
-    const PLAIN: bool = D::PLAIN;
     const DROPS: bool = D::DROPS;
-    const ALWAYS_OPEN: bool = D::ALWAYS_OPEN;
 
     #[inline(always)]
     fn into_seed(self) -> Self::Seed {
@@ -149,44 +173,10 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     }
 
     #[inline(always)]
-    fn plain(&self) -> PlainGuard<'_> {
-        PlainGuard {
-            wait_point: self.channel().wait_point(),
-            node: self.waiter().cast(),
-            of_sender: D::SEND,
-            stamp: &self.end.chosen,
-        }
-    }
-
-    #[inline(always)]
-    fn note_listed(self: Pin<&mut Self>) {
-        self.in_place().phase = Phase::Listed;
-    }
-
-    #[inline(always)]
-    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
-        let this = self.in_place();
-        let (from, to) = match D::SEND {
-            true => (this.waiter(), partner.cast()),
-            false => (partner.cast(), this.waiter()),
-        };
-        // SAFETY: the partner is a plain operation that waits at the other side of this channel,
-        // whose lock is held, and this is new, as is demanded here. So the send's node holds its
-        // value, the receive's holds none, and no other thread accesses either.
-        unsafe { Waiter::put_value_of(to, Waiter::take_value_of(from)) };
-        this.phase = Phase::Settled(Outcome::Done);
-    }
-
-    #[inline(always)]
-    unsafe fn output_when_done(self: Pin<&mut Self>) -> Self::Output {
-        Ok(self.in_place().done())
-    }
-
-    #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {
-            Outcome::Done => Ok(this.done()),
+            Outcome::Done => this.done(),
             outcome => {
                 cold_path();
                 this.settled(outcome)

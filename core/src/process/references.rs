@@ -11,25 +11,22 @@ use core::cell::Cell;
 use luna_platform::sync::atomic::{AtomicI64, Ordering};
 
 /// Added when the process has ended: the count alone cannot reach it before.
-const ENDED: i64 = 1 << 40;
-
-/// Replaces a count; no process reaches it.
-const HAS_ENDED: i64 = i64::MIN;
+const ENDED: i64 = 1 << 62;
 
 /// # Invariants
 ///
-/// `here` is accessed on the executor's thread alone, and is [`HAS_ENDED`] from the end on. Until
-/// the end, `here + elsewhere` is the number of references; `elsewhere` is the number of copies
-/// minus the references that ended on other threads. After the end, `elsewhere - ENDED` is the
-/// number of references.
+/// `here` is accessed on the executor's thread alone, before the end; of a process that was never
+/// built by the thread that ends it. Until the end, `here + elsewhere` is the number of references;
+/// `elsewhere` is the number of those made on any thread, minus those that ended on any. After the
+/// end, `elsewhere - ENDED` is the number of references.
 #[derive(Debug)]
-pub(super) struct References {
+pub(crate) struct References {
     here: Cell<i64>,
     elsewhere: AtomicI64,
 }
 
 impl References {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             here: Cell::new(0),
             elsewhere: AtomicI64::new(0),
@@ -38,64 +35,40 @@ impl References {
 
     /// Counts one more. On the executor's thread, before the end.
     #[inline]
-    pub(super) fn add(&self) {
+    pub(crate) fn add_here(&self) {
         self.here.set(self.here.get() + 1);
     }
 
-    /// Counts one more, on any thread, for a caller that holds a reference already.
+    /// Counts one less. On the executor's thread, before the end.
+    #[inline(always)]
+    pub(crate) fn remove_here(&self) {
+        self.here.set(self.here.get().wrapping_sub(1));
+    }
+
+    /// Counts one more, on any thread, for a caller that has a reference already.
     #[inline]
-    pub(super) fn add_elsewhere(&self) {
+    pub(crate) fn add_elsewhere(&self) {
         // Relaxed: the caller's reference keeps the process, and was passed on with its own
         // synchronisation.
         self.elsewhere.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts one less; `true` if it was the last one of a process that has ended.
-    /// `is_on_executor`: this is the executor's thread.
+    /// Counts one less, on any thread; `true` if it was the last one of a process that has ended.
     #[inline]
     #[must_use = "the last one frees the process"]
-    pub(super) fn remove(&self, is_on_executor: bool) -> bool {
-        if is_on_executor && self.here.get() != HAS_ENDED {
-            self.remove_before_end();
-            return false;
-        }
+    pub(crate) fn remove_elsewhere(&self) -> bool {
         // AcqRel: all other references' uses of the process happen before it is freed.
         self.elsewhere.fetch_sub(1, Ordering::AcqRel) - 1 == ENDED
     }
 
-    /// As [`remove`](Self::remove), on the executor's thread. `false`: the process has ended, and
-    /// nothing was counted.
-    #[inline(always)]
-    pub(super) fn remove_unless_ended(&self) -> bool {
-        let has_ended = self.here.get() == HAS_ENDED;
-        if !has_ended {
-            self.remove_before_end();
-        }
-        !has_ended
-    }
-
-    /// As [`remove`](Self::remove), on the executor's thread, of a process that has not ended.
-    #[inline(always)]
-    pub(super) fn remove_before_end(&self) {
-        debug_assert_ne!(self.here.get(), HAS_ENDED);
-        self.here.set(self.here.get().wrapping_sub(1));
-    }
-
-    /// Whether there is no reference, and so none that could be copied. On the executor's thread,
-    /// before the end.
-    pub(super) fn are_none(&self) -> bool {
-        // Acquire: as in `remove`. See `end`.
-        self.elsewhere.load(Ordering::Acquire) + self.here.get() == 0
-    }
-
     /// Ends the process, on the executor's thread, once; `true` if there is no reference to it.
     #[must_use = "without references the process is to be freed"]
-    pub(super) fn end(&self) -> bool {
-        let here = self.here.replace(HAS_ENDED);
+    pub(crate) fn end(&self) -> bool {
+        let here = self.here.get();
         // The common case costs one load. The load may return an old value, but not one from before
         // a copy of a reference that has ended on this thread: a reference is copied before it
         // ends. So each reference that is counted as ended was counted as begun. If the sum is 0
-        // there is no reference, and none that could be copied. Acquire: as in `remove`.
+        // there is no reference, and none that could be copied. Acquire: as in `remove_elsewhere`.
         if self.elsewhere.load(Ordering::Acquire) + here == 0 {
             return true;
         }
@@ -111,32 +84,32 @@ mod tests {
     #[test]
     fn the_last_one_after_the_end_is_told() {
         let references = References::new();
-        references.add();
-        references.add();
-        assert!(!references.remove(true));
+        references.add_here();
+        references.add_here();
+        references.remove_here();
         assert!(!references.end());
-        assert!(references.remove(true));
+        assert!(references.remove_elsewhere());
     }
 
     #[test]
     fn a_copy_counts_before_the_end_and_after_it() {
         let references = References::new();
-        references.add();
+        references.add_here();
         references.add_elsewhere();
-        assert!(!references.remove(true));
+        references.remove_here();
         assert!(!references.end());
         references.add_elsewhere();
-        assert!(!references.remove(false));
-        assert!(references.remove(true));
+        assert!(!references.remove_elsewhere());
+        assert!(references.remove_elsewhere());
     }
 
     #[test]
     fn more_may_end_elsewhere_than_are_counted_there() {
         let references = References::new();
-        references.add();
-        references.add();
-        assert!(!references.remove(false));
-        assert!(!references.remove(false));
+        references.add_here();
+        references.add_here();
+        assert!(!references.remove_elsewhere());
+        assert!(!references.remove_elsewhere());
         assert!(references.end());
     }
 }
@@ -165,7 +138,7 @@ mod loom_tests {
                 AtomicUsize::new(2),
             ));
             let copied = Arc::new(AtomicUsize::new(0));
-            shared.0.0.add();
+            shared.0.0.add_here();
             let other = {
                 let (shared, copied) = (shared.clone(), copied.clone());
                 loom::thread::spawn(move || {
@@ -174,7 +147,7 @@ mod loom_tests {
                     shared.0.0.add_elsewhere();
                     copied.store(1, Ordering::Release);
                     shared.2.fetch_sub(1, Ordering::SeqCst);
-                    if shared.0.0.remove(false) {
+                    if shared.0.0.remove_elsewhere() {
                         assert_eq!(shared.2.load(Ordering::SeqCst), 0);
                         shared.1.fetch_add(1, Ordering::SeqCst);
                     }
@@ -183,12 +156,10 @@ mod loom_tests {
             // The original ends once it is no longer borrowed; if it still is, it ends after the
             // process.
             let may_go = copied.load(Ordering::Acquire) == 1;
-            let go = |shared: &(Shared, AtomicUsize, AtomicUsize)| {
+            if may_go {
                 shared.2.fetch_sub(1, Ordering::SeqCst);
-                shared.0.0.remove(true)
-            };
-            let went = may_go && go(&shared);
-            assert!(!went, "the process has not ended");
+                shared.0.0.remove_here();
+            }
             if shared.0.0.end() {
                 assert_eq!(
                     shared.2.load(Ordering::SeqCst),
@@ -199,7 +170,8 @@ mod loom_tests {
             }
             if !may_go {
                 other.join().unwrap();
-                if go(&shared) {
+                shared.2.fetch_sub(1, Ordering::SeqCst);
+                if shared.0.0.remove_elsewhere() {
                     shared.1.fetch_add(1, Ordering::SeqCst);
                 }
             } else {
@@ -218,11 +190,11 @@ mod loom_tests {
                 AtomicUsize::new(3),
             ));
             for _ in 0..3 {
-                shared.0.0.add();
+                shared.0.0.add_here();
             }
-            let gone = |shared: &(Shared, AtomicUsize, AtomicUsize), is_on_executor| {
+            let gone = |shared: &(Shared, AtomicUsize, AtomicUsize)| {
                 shared.2.fetch_sub(1, Ordering::SeqCst);
-                if shared.0.0.remove(is_on_executor) {
+                if shared.0.0.remove_elsewhere() {
                     assert_eq!(
                         shared.2.load(Ordering::SeqCst),
                         0,
@@ -234,13 +206,13 @@ mod loom_tests {
             let others: Vec<_> = (0..2)
                 .map(|_| {
                     let shared = shared.clone();
-                    loom::thread::spawn(move || gone(&shared, false))
+                    loom::thread::spawn(move || gone(&shared))
                 })
                 .collect();
             if shared.0.0.end() {
                 shared.1.fetch_add(1, Ordering::SeqCst);
             }
-            gone(&shared, true);
+            gone(&shared);
             for other in others {
                 other.join().unwrap();
             }

@@ -3,28 +3,36 @@
 use super::{Process, ProcessState, QueueEnd};
 use crate::current::run_queue::Link;
 use crate::current::turn::{PlainTurn, process};
-use crate::current::{local, ready};
+use crate::current::{local, not_plain, with_queue};
 use crate::events;
 use core::hint::cold_path;
 use core::ptr::{self, NonNull};
 use core::sync::atomic::Ordering;
 
 /// The state of a process, as bits of one byte that the executor's thread writes.
-pub(in crate::current) mod state {
+pub(crate) mod state {
     /// It is in the run queue, or was popped from it for a turn that has not begun.
-    pub(in crate::current) const QUEUED: u8 = 1;
+    pub(crate) const QUEUED: u8 = 1;
     /// It is being polled.
-    pub(in crate::current) const RUNNING: u8 = 2;
-    /// It is not polled any more.
-    pub(in crate::current) const ENDED: u8 = 4;
+    pub(crate) const RUNNING: u8 = 2;
+    /// Its body has ended. Then the two bits of `OUTCOME` say how, instead of what follows.
+    pub(crate) const ENDED: u8 = 4;
     /// It was never polled.
-    pub(in crate::current) const NEW: u8 = 8;
+    pub(crate) const NEW: u8 = 8;
     /// Its wakes are traced as events.
-    pub(in crate::current) const TRACED: u8 = 16;
+    pub(crate) const TRACED: u8 = 16;
     /// It is queued when its turn is over, behind the others of its level.
-    pub(in crate::current) const YIELDED: u8 = 32;
+    pub(crate) const YIELDED: u8 = 32;
     /// Its executor ends it after this turn.
-    pub(in crate::current) const FAILED: u8 = 64;
+    pub(crate) const FAILED: u8 = 64;
+
+    pub(crate) const OUTCOME: u8 = 24;
+    pub(crate) const COMPLETED: u8 = 0;
+    pub(crate) const CANCELLED: u8 = 8;
+    /// The panic's payload is behind the lock of what others see.
+    pub(crate) const PANICKED: u8 = 16;
+    /// Completed with an exit value, which lies in the body's room until it is taken.
+    pub(crate) const WITH_VALUE: u8 = 24;
 }
 
 /// What is to be done after a turn: see [`Process::after_turn`].
@@ -33,7 +41,7 @@ pub enum AfterTurn {
     /// Nothing: the process waits, or is ready again.
     Nothing,
     /// It has yielded to this process, which runs next.
-    Next(NonNull<()>),
+    Next(NonNull<Process>),
     /// It has ended or [failed](fail_current), has yielded while it was queued, or its events are
     /// traced: the turn is [to be ended](Process::end_turn).
     More,
@@ -45,7 +53,9 @@ pub fn fail_current() {
     process(|process| {
         if let Some(process) = process {
             let now = process.state.load(Ordering::Relaxed);
-            process.state.store(now | state::FAILED, Ordering::Relaxed);
+            if now & state::ENDED == 0 {
+                process.state.store(now | state::FAILED, Ordering::Relaxed);
+            }
         }
     });
 }
@@ -59,7 +69,7 @@ impl Process {
     /// This is the executor's thread, the process is one of an executor's, and stays where it is
     /// until it was popped.
     #[inline]
-    pub(in crate::current) unsafe fn ready_here(&self, lowered: u8, place: QueueEnd) -> bool {
+    pub(crate) unsafe fn ready_here(&self, lowered: u8, place: QueueEnd) -> bool {
         // SAFETY: the caller's promises are those that `ready_at` requires; the level is at most
         // the process' own.
         unsafe { self.ready_at(self.level().saturating_sub(lowered), place) }
@@ -74,7 +84,7 @@ impl Process {
     /// As for [`ready_at`](Self::ready_at): this is the executor's thread, the process is one of an
     /// executor's, and stays where it is until it was popped.
     #[inline(always)]
-    pub(in crate::current) unsafe fn ready_if_none_ready(&self, turn: PlainTurn<'_>) -> bool {
+    pub(crate) unsafe fn ready_if_none_ready(&self, turn: PlainTurn<'_>) -> bool {
         let thread = turn.thread();
         let level = self.level();
         if self.state.load(Ordering::Relaxed) != 0
@@ -114,14 +124,13 @@ impl Process {
     /// As for [`ready_at`](Self::ready_at), of the thread, the process and `level`; and the state
     /// is `now`: neither queued nor ended.
     #[inline(always)]
-    pub(in crate::current) unsafe fn queue_at(&self, now: u8, level: u8, place: QueueEnd) {
+    pub(crate) unsafe fn queue_at(&self, now: u8, level: u8, place: QueueEnd) {
         self.state
             .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
-        // SAFETY: the caller promises that the process is one of an executor's.
-        let link = unsafe { self.link() };
+        let link = self.link();
         // SAFETY: the caller promises that the process stays where it is until it was popped; by
         // the invariant its link is in no queue.
-        ready::with_queue(|queue| unsafe {
+        with_queue(|queue| unsafe {
             match place {
                 QueueEnd::Front => queue.push_front(level, link),
                 QueueEnd::Back => queue.push_back(level, link),
@@ -136,7 +145,7 @@ impl Process {
     /// As there: this is the executor's thread. The process is one of an executor's, and stays
     /// where it is until it was popped. `level` is below [`LEVELS`](super::LEVELS).
     #[cold]
-    pub(in crate::current) unsafe fn ready_more(&self, level: u8, place: QueueEnd) -> bool {
+    pub(crate) unsafe fn ready_more(&self, level: u8, place: QueueEnd) -> bool {
         let queued = self.link.level.get();
         let now = self.state.load(Ordering::Relaxed);
         if now & (state::QUEUED | state::YIELDED | state::ENDED) == 0 {
@@ -146,11 +155,10 @@ impl Process {
         } else if now & state::QUEUED != 0 && queued < level {
             // A more urgent branch of it has become ready: the process is queued at the level of
             // the most urgent one.
-            // SAFETY: the caller promises that the process is one of an executor's.
-            let link = unsafe { self.link() };
+            let link = self.link();
             // SAFETY: the caller promises that this is the executor's thread; by the invariant the
             // link is in its queue.
-            ready::with_queue(|queue| unsafe {
+            with_queue(|queue| unsafe {
                 queue.remove(link);
                 match place {
                     QueueEnd::Front => queue.push_front(level, link),
@@ -163,7 +171,7 @@ impl Process {
 
     /// Begins its turn. On the executor's thread.
     #[inline]
-    pub(in crate::current) fn begin_turn(&self) {
+    pub(crate) fn begin_turn(&self) {
         self.state.store(state::RUNNING, Ordering::Relaxed);
     }
 
@@ -189,6 +197,9 @@ impl Process {
     #[inline]
     pub unsafe fn end_turn(&self) {
         let now = self.state.load(Ordering::Relaxed);
+        if now & state::ENDED != 0 {
+            return;
+        }
         let rest = now & !(state::RUNNING | state::YIELDED);
         self.state.store(rest, Ordering::Relaxed);
         if now & state::YIELDED != 0 {
@@ -221,7 +232,7 @@ impl Process {
             // lives until it was popped; it is not queued, by its state.
             let next = unsafe {
                 let link = self.link();
-                ready::with_queue(|queue| queue.exchange(self.level(), link))
+                with_queue(|queue| queue.exchange(self.level(), link))
             };
             return AfterTurn::Next(next.cast());
         }
@@ -236,7 +247,7 @@ impl Process {
     /// Makes the current process yield at the end of its turn. If it is queued already, it stays at
     /// the higher of the two levels.
     #[inline(always)]
-    pub(in crate::current) fn yield_at_end(&self) {
+    pub(crate) fn yield_at_end(&self) {
         let now = self.state.load(Ordering::Relaxed);
         self.state.store(now | state::YIELDED, Ordering::Relaxed);
     }
@@ -257,7 +268,7 @@ impl Process {
 
     /// Whether the current process [yields at the end](Self::yield_at_end) of its turn.
     #[inline]
-    pub(in crate::current) fn yields(&self) -> bool {
+    pub(crate) fn yields(&self) -> bool {
         self.state.load(Ordering::Relaxed) & state::YIELDED != 0
     }
 
@@ -267,10 +278,29 @@ impl Process {
         self.state.load(Ordering::Relaxed) & state::FAILED != 0
     }
 
-    /// Whether its body has ended. On the executor's thread.
+    /// Whether its body has ended. From any thread.
     #[inline]
-    pub fn has_ended(&self) -> bool {
-        self.state.load(Ordering::Relaxed) & state::ENDED != 0
+    pub(crate) fn has_ended(&self) -> bool {
+        self.state.load(Ordering::Acquire) & state::ENDED != 0
+    }
+
+    /// How it has ended, as one of the [outcomes](state::OUTCOME). From any thread.
+    #[cfg(not(loom))]
+    #[inline]
+    pub(crate) fn outcome(&self) -> Option<u8> {
+        let now = self.state.load(Ordering::Acquire);
+        (now & state::ENDED != 0).then_some(now & state::OUTCOME)
+    }
+
+    /// Ends a reference that was counted here, on the executor's thread. `false`: the process has
+    /// ended, and nothing was counted.
+    #[inline(always)]
+    pub(crate) fn remove_unless_ended(&self) -> bool {
+        let is_live = self.state.load(Ordering::Relaxed) & state::ENDED == 0;
+        if is_live {
+            self.references.remove_here();
+        }
+        is_live
     }
 
     /// Whether it is in its executor's run queue, or was popped for a turn that has not begun. On
@@ -280,31 +310,34 @@ impl Process {
         self.state.load(Ordering::Relaxed) & state::QUEUED != 0
     }
 
-    /// The link, as a pointer with the provenance of the owner.
-    ///
-    /// # Safety
-    ///
-    /// The process is one of an executor's.
+    /// The link, as a pointer to all of the process' memory.
     #[inline(always)]
-    pub(in crate::current) unsafe fn link(&self) -> NonNull<Link> {
-        // SAFETY: a process of an executor has an owner.
-        unsafe { self.owner().cast() }
+    pub(crate) fn link(&self) -> NonNull<Link> {
+        self.whole().cast()
     }
 
-    /// Marks the body as ended: the process is not readied any more, and does not yield.
+    /// Marks the body as ended, with its outcome: the process is not readied any more, and does not
+    /// yield. Nothing, if that was done before.
     ///
     /// # Safety
     ///
-    /// This is the executor's thread, as for [`keep_traced`](Self::keep_traced).
-    pub unsafe fn set_ended(&self) {
-        let now = self.state.load(Ordering::Relaxed) & !state::YIELDED;
-        self.state.store(now | state::ENDED, Ordering::Relaxed);
+    /// This is the executor's thread, as for [`keep_traced`](Self::keep_traced); or the process was
+    /// never built.
+    pub(crate) unsafe fn set_ended(&self, outcome: u8) {
+        let now = self.state.load(Ordering::Relaxed);
+        if now & state::ENDED == 0 {
+            let rest = now & (state::QUEUED | state::RUNNING);
+            // Release: a thread that sees the end sees what was before it. So no store follows.
+            self.state
+                .store(rest | state::ENDED | outcome, Ordering::Release);
+            not_plain(self);
+        }
     }
 
-    /// Its state, from any thread that holds a reference, as long as it is polled: the caller knows
-    /// whether it has ended.
+    /// What it is doing. From any thread.
     pub fn activity(&self) -> ProcessState {
-        match self.state.load(Ordering::Relaxed) {
+        match self.state.load(Ordering::Acquire) {
+            now if now & state::ENDED != 0 => ProcessState::Ended,
             now if now & state::RUNNING != 0 => ProcessState::Running,
             now if now & state::QUEUED != 0 => ProcessState::Ready,
             now if now & state::NEW != 0 => ProcessState::Created,
@@ -312,20 +345,16 @@ impl Process {
         }
     }
 
-    /// Readies the process without its waker, `lowered` levels below its own. A process without
-    /// methods stays as it is.
+    /// Readies the process without its waker, `lowered` levels below its own.
     ///
     /// # Safety
     ///
     /// The caller holds a counted reference to the process, and this is not its executor's thread.
     #[inline]
-    pub(in crate::current) unsafe fn ready_elsewhere(&self, lowered: u8) {
-        // SAFETY: the caller holds a reference, so the owner was not freed; this is another thread
-        // than the executor's, as `ready_elsewhere` requires.
-        unsafe {
-            if let Some(methods) = self.methods.get() {
-                (methods.ready_elsewhere)(self.owner(), self.lowered_priority(lowered).level);
-            }
-        }
+    pub(crate) unsafe fn ready_elsewhere(&self, lowered: u8) {
+        let level = self.lowered_priority(lowered).level;
+        // SAFETY: the caller holds a reference, so the process is live; this is another thread than
+        // the executor's, as `ready_elsewhere` requires.
+        unsafe { (self.methods().ready_elsewhere)(self.whole(), level) };
     }
 }
