@@ -38,7 +38,7 @@
 
 pub use luna_core::current::on_path;
 pub use luna_core::path::off_path;
-pub use luna_platform::thread::ordinary_child;
+pub use luna_machine::threads::ordinary_child;
 
 use crate::report::Shortfall;
 

@@ -2,10 +2,7 @@
 
 pub use super::alternate_stack::HandlerStack;
 use super::deadline;
-use crate::on_drop::OnDrop;
-use crate::thread::{
-    Attributes, EMERGENCY_PRIORITY, Obtained, Policy, Refusal, TIMER_PRIORITY, Why,
-};
+use crate::thread::{Attributes, EMERGENCY_PRIORITY, Obtained, Policy, Refusal, Why};
 use nix::errno::Errno;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::prctl;
@@ -13,8 +10,6 @@ use nix::sys::resource::{Resource, getrlimit};
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
 use nix::unistd::{Pid, getpid, gettid};
 use std::ffi::CString;
-use std::os::unix::process::CommandExt;
-use std::process::Command;
 use std::sync::OnceLock;
 
 /// The calling thread, for calls that take a thread id.
@@ -131,44 +126,6 @@ pub(crate) fn begin() {
     let _ = pthread_sigmask(SigmaskHow::SIG_BLOCK, Some(&ending), None);
 }
 
-pub(crate) fn current_number() -> i32 {
-    gettid().as_raw()
-}
-
-pub(crate) fn promote(number: i32, policy: Policy) {
-    if let Some(kind) = kind_of(policy) {
-        // Refused to a program that has given up the privilege since its start: then the thread
-        // stays an ordinary one.
-        let _ = set_scheduler(number, kind, policy.priority().into());
-    }
-}
-
-pub(crate) fn demote(number: i32) {
-    // One that was ordinary before keeps no flag, and may not be given one: then this does nothing
-    // that was needed. So for a thread that has ended.
-    let _ = set_scheduler(number, libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK, 0);
-    // SAFETY: a plain system call.
-    unsafe { libc::syscall(libc::SYS_setpriority, libc::PRIO_PROCESS, number, 19) };
-}
-
-/// Until the guard is dropped, the calling thread runs before all threads of users. One that the
-/// kernel refuses this, and one of a deadline policy, goes on as it is.
-pub(crate) fn above_users() -> OnDrop<impl FnMut()> {
-    // At a user's limit no thread of that user is above this one, and one that is as high waits.
-    let priority = highest_priority().min(TIMER_PRIORITY);
-    let own = scheduler(0).filter(|&(policy, _)| {
-        let flag = policy & libc::SCHED_RESET_ON_FORK;
-        policy & !flag != libc::SCHED_DEADLINE
-            && set_scheduler(0, libc::SCHED_FIFO | flag, priority.into()).is_ok()
-    });
-    OnDrop::new(move || {
-        if let Some((policy, priority)) = own {
-            // From the higher priority to its own is always allowed.
-            let _ = set_scheduler(0, policy, priority);
-        }
-    })
-}
-
 /// The kernel's number of a real-time policy with a priority, for a thread whose children are
 /// ordinary ones.
 fn kind_of(policy: Policy) -> Option<libc::c_int> {
@@ -251,29 +208,6 @@ fn pin(core: usize) -> Result<(), Why> {
         Ok(()) => Err(Why::NotKept(current_policy())),
         Err(error) => Err(Why::Kernel(error as i32)),
     }
-}
-
-/// See [`crate::thread::ordinary_child`].
-pub(crate) fn ordinary_child(command: &mut Command) {
-    // Found here: the child may only make system calls.
-    remember_process();
-    let ordinary = || {
-        unpin();
-        let ending = SigSet::from_iter([
-            Signal::SIGINT,
-            Signal::SIGTERM,
-            Signal::SIGHUP,
-            Signal::SIGQUIT,
-            Signal::SIGPIPE,
-            Signal::SIGXFSZ,
-            Signal::SIGTTOU,
-        ]);
-        pthread_sigmask(SigmaskHow::SIG_UNBLOCK, Some(&ending), None)?;
-        Ok(())
-    };
-    // SAFETY: the closure makes plain system calls on values of its own and on the initial mask,
-    // which is made by now: it neither allocates nor locks, as it must not between fork and exec.
-    unsafe { command.pre_exec(ordinary) };
 }
 
 /// Lets this thread run on all cores of the process. Async-signal-safe once the initial mask is

@@ -1,7 +1,6 @@
 //! Threads as the standard library makes them: with a name and a stack. Policies and cores are
 //! refused.
 
-use crate::on_drop::OnDrop;
 use crate::thread::{Attributes, Obtained, Policy, Refusal, Why};
 use std::marker::PhantomData;
 
@@ -23,19 +22,6 @@ impl HandlerStack {
     }
 }
 
-pub(crate) fn current_number() -> i32 {
-    0
-}
-
-/// Threads have no priorities here.
-pub(crate) fn promote(_number: i32, _policy: Policy) {}
-
-/// Threads have no priorities here.
-pub(crate) fn demote(_number: i32) {}
-
-/// No thread is pinned, and no signal is blocked.
-pub(crate) fn ordinary_child(_command: &mut std::process::Command) {}
-
 /// Lets this thread run on all cores of the process.
 pub fn unpin() {}
 
@@ -54,11 +40,6 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Refusal> {
     }
     attributes.settle_spin(&mut obtained)?;
     Ok(obtained)
-}
-
-/// Threads have no priorities here.
-pub(crate) fn above_users() -> OnDrop<impl FnMut()> {
-    OnDrop::new(|| ())
 }
 
 /// Threads have no priorities here.

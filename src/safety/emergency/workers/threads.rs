@@ -117,7 +117,8 @@ impl EmergencyThread {
             move |obtained| {
                 let workers = &prepared.workers;
                 // Each number is given once.
-                let _ = workers.numbers[usize::from(member)].set(thread::current_number());
+                let _ = workers.numbers[usize::from(member)]
+                    .set(luna_machine::threads::current_number());
                 if is_on_duty && is_watched_late {
                     workers.make_watch_alarm(member);
                 }
