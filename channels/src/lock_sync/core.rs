@@ -6,6 +6,7 @@ use crate::guarded_wait_point::{GuardedWaitPoint, Locked};
 use crate::inspect::WaitPointKind;
 use crate::replay;
 use crate::wait_point::{LastUser, Lists};
+use core::marker::PhantomData;
 use luna_core::current::{self, Here, Inheritor, Priority, User};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitList;
@@ -28,26 +29,42 @@ pub(super) type Core = GuardedWaitPoint<State>;
 
 /// That the caller has permits of a core: the guard or the permit is made of it. Dropped, they are
 /// lost.
+///
+/// # Invariants
+///
+/// A take of that core has succeeded, and no other hold was made of it. It is used for a guard of
+/// the same core; only a debug build knows which.
 #[must_use = "the permits are lost otherwise"]
 #[expect(
     unreachable_pub,
     reason = "the output of a public future's private trait names it"
 )]
-pub struct Hold<'a>(&'a Core);
+pub struct Hold<'a> {
+    #[cfg(debug_assertions)]
+    core: &'a Core,
+    of: PhantomData<&'a Core>,
+}
 
 impl<'a> Hold<'a> {
     /// # Safety
     ///
-    /// A take of this core has succeeded, and no hold was made of it.
+    /// As the invariants say.
     #[inline(always)]
     pub(super) unsafe fn new(core: &'a Core) -> Self {
-        Self(core)
+        let _ = core;
+        Self {
+            #[cfg(debug_assertions)]
+            core,
+            of: PhantomData,
+        }
     }
 
-    /// Whether they are permits of this core.
+    /// Its permits are those of this core.
     #[inline(always)]
-    pub(super) fn is_of(&self, core: &Core) -> bool {
-        core::ptr::eq(self.0, core)
+    pub(super) fn used_for(self, core: &Core) {
+        let _ = core;
+        #[cfg(debug_assertions)]
+        assert!(core::ptr::eq(self.core, core), "a hold of another core");
     }
 }
 
