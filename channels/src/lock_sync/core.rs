@@ -12,7 +12,7 @@ use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitList;
 
 /// The free permits, and the holder's inheritor.
-pub(super) struct State {
+pub(super) struct LockState {
     pub(super) permits: u64,
     /// The holder of a mutex, boosted by the first waiter. None if it is a task of another runtime.
     pub(super) inheritor: Option<Inheritor>,
@@ -25,7 +25,7 @@ pub(super) struct State {
 /// All nodes in the [list of waiters](Locked::waiting) are entries. If there is a waiter, there are
 /// fewer permits than it wants, so a mutex with a waiter is held. The last user as a receiver is
 /// the holder of a mutex, or the last to take permits of a semaphore.
-pub(super) type Core = GuardedWaitPoint<State>;
+pub(super) type Core = GuardedWaitPoint<LockState>;
 
 /// That the caller has permits of a core: the guard or the permit is made of it. Dropped, they are
 /// lost.
@@ -72,7 +72,7 @@ impl Core {
     /// A new one, for its first handle. Allocates.
     #[track_caller]
     pub(super) fn with_permits(kind: WaitPointKind, permits: u32) -> Shared<Core> {
-        let state = State {
+        let state = LockState {
             permits: u64::from(permits),
             inheritor: None,
         };
@@ -157,7 +157,7 @@ impl Core {
     }
 }
 
-impl<L: Lists> Locked<'_, State, L> {
+impl<L: Lists> Locked<'_, LockState, L> {
     /// Those that wait for permits, by priority: under this name in the lists of any wait point.
     #[inline(always)]
     pub(super) fn waiting(&mut self) -> &mut WaitList {
