@@ -111,7 +111,7 @@ impl Drop for SystemThreads<'_> {
             // Now, or by an end that came before the panic. Their owners are not looked up any
             // more.
             for left_behind in self.plan.members().started.left_behind() {
-                std::mem::forget(left_behind.take_resident());
+                std::mem::forget(left_behind.resident.take());
             }
         }
     }

@@ -6,7 +6,7 @@
 //! | leaves behind a worker that hangs | any other on duty | [`functions`](super::functions) |
 //! | keeper: takes signals from the emergency's end to the run's | the first that finds the end | [`member`] |
 //! | on duty: sleeps until there is an event, such as a signal | two, then more | [`member`] |
-//! | in reserve: takes over a core, or the place of one that hangs | the rest | [`reserve`] |
+//! | in reserve: takes over a core, or the place of one that hangs | the rest | [`member`] |
 //! | wakes the watcher when a function may have taken too long | none: the kernel | here |
 //! | start and end | the one in `System::run` | [`threads`] |
 //!
@@ -19,7 +19,6 @@
 //! duty.
 
 mod member;
-mod reserve;
 mod threads;
 
 use super::Emergency;
