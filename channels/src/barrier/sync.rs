@@ -354,7 +354,7 @@ unsafe impl RawGuard for SyncOp<'_> {
                 before = next;
                 next = locked.offering().after(other);
             }
-            Waiter::begin(this.node(), false, Some((select_state, guard)), None);
+            Waiter::begin(this.node(), Some((select_state, guard)));
             let round = locked.state();
             round.offering += 1;
             (*Waiter::link(this.node())).ticket = round.number;

@@ -4,7 +4,6 @@ use super::{Phase, Serves, Shared};
 use crate::call_count;
 use crate::current;
 use crate::deadlines::Deadlines;
-use crate::deferred_free;
 use crate::events;
 use crate::file_watch;
 use crate::inbound::Signals;
@@ -75,9 +74,6 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     }
     #[cfg(feature = "std")]
     let before = processor_time();
-    // A thread that may block keeps nothing: it could sleep in the middle of a turn.
-    let frees_later = shared.serves != Serves::One;
-    let keeps = frees_later.then(deferred_free::keep_own);
     // Not through the `Arc`, which would be read at each turn.
     let shared = &**shared;
     current::set_on_path(true);
@@ -85,7 +81,6 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         turns(|| while round(shared, deadlines, true) {});
     }
     current::set_on_path(false);
-    drop(keeps);
     #[cfg(feature = "std")]
     if let Some((before, after)) = before.zip(processor_time()) {
         // It runs once.
@@ -174,8 +169,6 @@ pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
         }
         return shared.advance(Phase::STOPPING);
     }
-    // Flush deferred frees before sleeping.
-    deferred_free::hand_over();
     sleep(shared, deadlines.rest());
     interference::rest();
 }
