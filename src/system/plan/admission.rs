@@ -157,14 +157,7 @@ impl Plan {
             return Err(self.ended(name));
         }
         let on_thread = matches!(plan.place, Placement::Thread(_));
-        if let Placement::Thread(attributes) = &mut plan.place
-            && running.simulation.is_none()
-        {
-            let Members {
-                places, threads, ..
-            } = &*members;
-            neighbours::join(attributes, &running.executors, places, threads);
-        }
+        neighbours::join(&mut plan.place, running, &members.places, &members.threads);
         // For an executor the lock is kept from the look at the phase until it is entered: the end
         // cannot come in between. No user code runs there.
         let held = (!on_thread).then_some(members);
