@@ -351,12 +351,10 @@ struct Numbers(BTreeMap<u32, u32>);
 
 impl Numbers {
     fn insert(&mut self, number: u32) {
-        if self.contains(number) {
-            return;
-        }
         let after = number.checked_add(1).and_then(|next| self.0.remove(&next));
         let last = after.unwrap_or(number);
-        match self.0.range_mut(..number).next_back() {
+        match self.0.range_mut(..=number).next_back() {
+            Some((_, end)) if *end >= number => {}
             Some((_, end)) if *end + 1 == number => *end = last,
             _ => drop(self.0.insert(number, last)),
         }
