@@ -132,7 +132,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
 impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     type Output = Result<D::Success<'a>, D::Failure>;
     type Seed = D::Seed<'a>;
-    const PLAIN: bool = D::PLAIN_GUARD;
+    const PLAIN: bool = D::PLAIN;
     const DROPS: bool = D::DROPS;
     const ALWAYS_OPEN: bool = D::ALWAYS_OPEN;
 
@@ -183,14 +183,14 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
 
     #[inline(always)]
     unsafe fn output_when_done(self: Pin<&mut Self>) -> Self::Output {
-        self.in_place().done()
+        Ok(self.in_place().done())
     }
 
     #[inline(always)]
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {
-            Outcome::Done => this.done(),
+            Outcome::Done if !D::ANSWERED => Ok(this.done()),
             outcome => {
                 cold_path();
                 this.settled(outcome)
