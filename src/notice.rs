@@ -1,6 +1,6 @@
 //! The framework's messages on standard error.
 
-use luna_platform::signals;
+use luna_machine::signals;
 use std::fmt;
 use std::io::Write;
 

@@ -248,7 +248,7 @@ fn cases(
 fn main() {
     // The kernel does not prefer the most urgent of the threads that may take a signal, so threads
     // of a program that has to end in time block termination signals.
-    let _held_back = luna_platform::signals::HeldBack::here();
+    let _held_back = luna_machine::signals::HeldBack::here();
     // Deliberate panics would be reported each time; those of checks still are.
     let hook = panic::take_hook();
     panic::set_hook(Box::new(move |info| {

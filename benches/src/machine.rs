@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path, process::Command, time::Duration};
 
-use luna_platform::facts::parse::stolen_ticks;
+use luna_machine::facts::parse::stolen_ticks;
 
 /// The peers, as `Cargo.lock` names them.
 const PEERS: [&str; 7] = [

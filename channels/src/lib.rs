@@ -108,7 +108,7 @@ pub use stream::Incoming;
 pub mod __private {
     //! What the macros name.
     pub use crate::alternative::{
-        Cons, Either, Guards, Never, Nil, Seed, Seeds, Select, Skip, guard, select,
+        Choice, Either, Never, Offer, Place, Seed, choose, guard, no_guard,
     };
 }
 

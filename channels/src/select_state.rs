@@ -1,4 +1,4 @@
-//! One choice among several offers, made by one compare-and-swap, or under a lock.
+//! One choice among several offers, made under one lock.
 //!
 //! An alternative lists a node in each of its channels, and all of them lead to one *select state*.
 //! A partner that comes to one of these channels commits the select state under the channel's lock.
@@ -6,32 +6,33 @@
 //! choice made, take the stale node off their list, and look at the next waiter.
 //!
 //! ```text
-//!   CLOSED --owner opens, lists nodes--> OPEN --partner or owner, one exchange--> CHOSEN(guard)
+//!   CLOSED --owner opens, lists nodes--> OPEN --partner or owner--> CHOSEN(guard)
 //! ```
 //!
-//! A compare-and-swap does not suffice if a partner may commit several select states at once, or
-//! close this one for its owner. Then every thread that leaves `OPEN` holds the *commit lock* of
-//! the select state, and leaves by a plain store. The fast path does the same: the commit lock is
-//! biased to an executor, so a commit there executes no read-modify-write. The mode does not change
-//! between an opening and the end of that opening.
+//! Every thread that leaves `OPEN` holds the *commit lock* of the select state, and leaves by a
+//! plain store. So a partner may commit several select states at once, or close one for its owner.
+//! The lock is biased to the executor of the owner where that owns the locks of all wait points: a
+//! commit there executes no read-modify-write.
 //!
 //! No thread waits for another to leave an intermediate state: a commit that fails is final for
 //! that node, and the owner that finds its alternative chosen takes the lock of the one channel to
 //! learn the outcome.
 
+use core::mem::replace;
 use core::ptr::NonNull;
+use core::task::Context;
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
-use luna_core::current::{PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
+use luna_core::current::{Here, PlainPendingWake, PlainTurn, Priority, User, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
-use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
+use luna_platform::sync::atomic::{AtomicU32, Ordering};
 
 /// It cannot be committed: the owner does not wait.
 const CLOSED: u32 = 0;
 /// The first commit succeeds.
 const OPEN: u32 = 1;
 /// As `OPEN`, by a process in its plain turn on the executor to which the commit lock is biased:
-/// the wake handle is a plain one, commits need the commit lock, and no delay limits them.
+/// the wake handle is a plain one.
 const OPEN_PLAINLY: u32 = 2;
 /// Guard `state - CHOSEN` was chosen.
 const CHOSEN: u32 = 3;
@@ -40,11 +41,8 @@ const CHOSEN: u32 = 3;
 ///
 /// # Invariants
 ///
-/// `wake_handle` belongs to the owner unless the state is `OPEN` or `OPEN_PLAINLY`; from these, to
-/// the thread that left them. Where another thread closes it without a choice
-/// ([`close`](SelectState::close)), the owner could see that before the other thread has taken the
-/// wake handle, and open it again. So such select states are `needs_lock`: the commit lock is held
-/// around both. `needs_lock` is changed by the owner alone, while no listed node leads here.
+/// `state` is changed under the commit lock, or by the owner while no other thread knows this.
+/// In `OPEN` and `OPEN_PLAINLY` there is a wake handle; the thread that leaves them takes it.
 /// `entered` belongs to the thread that holds the commit lock. While a node that leads here is
 /// listed, this is live: its owner takes each node off, under its list's lock, before it goes.
 ///
@@ -54,44 +52,94 @@ const CHOSEN: u32 = 3;
 #[derive(Debug)]
 pub struct SelectState {
     state: AtomicU32,
-    /// Whether a thread that leaves `OPEN` holds the commit lock: a barrier's last party may commit
-    /// several select states at once, a partner may close this one for its owner, or all wait
-    /// points are biased to one executor.
-    needs_lock: AtomicBool,
-    /// The guards from `first_late` on cannot be committed from this instant on, in nanoseconds: a
-    /// delay before them in the order of preference has passed then, and the owner chooses that
-    /// delay, though it may not have run yet.
-    late_from: AtomicU64,
-    first_late: AtomicU32,
-    /// The clock of `late_from`: a partner with another clock cannot compare.
-    clock: AtomicUsize,
-    wake_handle: UnsafeCell<Option<WakeHandle>>,
-    /// The process that has opened it on the fast path, and its priority then.
+    /// The process that has opened it, and its priority then, if it was opened when it was made.
     opened_by: (User, Priority),
-    /// The commit lock. Held around each commit where `needs_lock` is set, so that a barrier's last
-    /// party sees all select states that it commits open at one instant.
-    commit_lock: BiasedLock<()>,
-    entered: UnsafeCell<Option<BiasedGuard<'static, ()>>>,
+    commit_lock: BiasedLock<Opening>,
+    entered: UnsafeCell<Option<BiasedGuard<'static, Opening>>>,
     /// loom repeats a model's run, and addresses differ between runs.
     #[cfg(loom)]
     number: usize,
+}
+
+/// What the commit lock guards beside the state.
+#[derive(Debug)]
+pub(crate) struct Opening {
+    wake_handle: Option<WakeHandle>,
+    limit: Option<Limit>,
+}
+
+/// From when on some guards cannot be committed: a delay before them in the order of preference has
+/// passed then, and the owner chooses that delay, though it may not have run yet.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limit {
+    pub(crate) instant: Instant,
+    /// These guards are those from this number on.
+    pub(crate) first_late: u32,
+    /// The clock of `instant`: a partner with another clock cannot compare.
+    pub(crate) clock: usize,
+}
+
+impl Limit {
+    #[cold]
+    #[inline(never)]
+    fn excludes(&self, guard: u32) -> bool {
+        guard >= self.first_late
+            && self.clock == Clock::number_here()
+            && Instant::now() >= self.instant
+    }
+}
+
+impl Opening {
+    /// Whether a delay that is preferred to `guard` has passed.
+    #[inline(always)]
+    fn is_late(&self, guard: u32) -> bool {
+        self.limit.is_some_and(|limit| limit.excludes(guard))
+    }
+}
+
+/// The owner of an alternative that is about to wait: its wake handle, and how it holds locks.
+pub(crate) trait Owner {
+    /// An open select state, which its partners have to find by nodes.
+    fn open(self, limit: Option<Limit>) -> SelectState;
+}
+
+/// In a plain turn: the commit lock is biased to its executor.
+impl Owner for PlainTurn<'_> {
+    #[inline(always)]
+    fn open(self, limit: Option<Limit>) -> SelectState {
+        let process = self.process();
+        let opening = Opening {
+            wake_handle: Some(WakeHandle::of_plain_turn(self)),
+            limit,
+        };
+        let commit_lock = BiasedLock::biased_in(self.here(), opening);
+        let opened_by = (User::Process(process.id()), process.priority());
+        SelectState::with(OPEN_PLAINLY, opened_by, commit_lock)
+    }
+}
+
+/// Anywhere, with a handle that was made before the locks were taken.
+impl Owner for (Here<'_>, &mut Option<WakeHandle>) {
+    fn open(self, limit: Option<Limit>) -> SelectState {
+        let (here, wake_handle) = self;
+        let wake_handle = wake_handle.take();
+        debug_assert!(wake_handle.is_some());
+        let opening = Opening { wake_handle, limit };
+        let opened_by = (here.user(), here.priority());
+        SelectState::with(OPEN, opened_by, BiasedLock::new(opening))
+    }
 }
 
 impl SelectState {
     /// Whether one that is not open has anything to drop.
     pub(crate) const HAS_DROP: bool = core::mem::needs_drop::<BiasedLock<()>>();
 
-    #[inline]
-    pub(crate) fn new() -> Self {
+    #[inline(always)]
+    fn with(state: u32, opened_by: (User, Priority), commit_lock: BiasedLock<Opening>) -> Self {
         Self {
-            state: AtomicU32::new(CLOSED),
-            needs_lock: AtomicBool::new(false),
-            late_from: AtomicU64::new(u64::MAX),
-            first_late: AtomicU32::new(0),
-            clock: AtomicUsize::new(0),
-            wake_handle: UnsafeCell::new(None),
-            opened_by: (User::Outside, Priority::default()),
-            commit_lock: BiasedLock::new(()),
+            state: AtomicU32::new(state),
+            opened_by,
+            commit_lock,
             entered: UnsafeCell::new(None),
             #[cfg(loom)]
             number: {
@@ -102,158 +150,96 @@ impl SelectState {
         }
     }
 
-    /// Lets others commit it from now on; they then wake `wake_handle`. With a `limit`, the guards
-    /// from its number on can be committed until its instant only.
-    ///
-    /// # Safety
-    ///
-    /// The owner calls this, and the select state is closed.
-    pub(crate) unsafe fn open(
-        &self,
-        wake_handle: WakeHandle,
-        several: bool,
-        limit: Option<(Instant, u32)>,
-    ) {
-        self.needs_lock.store(several, Ordering::Relaxed);
-        if let Some((instant, first_late)) = limit {
-            self.first_late.store(first_late, Ordering::Relaxed);
-            self.clock.store(Clock::number_here(), Ordering::Relaxed);
-            self.late_from.store(instant.as_nanos(), Ordering::Relaxed);
-        }
-        // SAFETY: in a closed select state it is the owner's; no thread closes this one for the
-        // owner before it was opened.
-        self.wake_handle
-            .with_mut(|cell| unsafe { *cell = Some(wake_handle) });
-        self.state.store(OPEN, Ordering::Release);
+    /// A closed one, which its owner opens and closes again and again.
+    pub(crate) fn new() -> Self {
+        let opening = Opening {
+            wake_handle: None,
+            limit: None,
+        };
+        let opened_by = (User::Outside, Priority::default());
+        Self::with(CLOSED, opened_by, BiasedLock::new(opening))
     }
 
-    /// An [open](Self::open) one, for the process in its plain turn, where all wait points are
-    /// biased to its executor: the commit lock is too.
-    ///
-    /// # Safety
-    ///
-    /// A wait point's lock is biased to the executor of this turn.
-    #[inline(always)]
-    pub(crate) unsafe fn opened_fast(turn: PlainTurn<'_>) -> Self {
-        Self {
-            state: AtomicU32::new(OPEN_PLAINLY),
-            needs_lock: AtomicBool::new(true),
-            wake_handle: UnsafeCell::new(Some(WakeHandle::of_plain_turn(turn))),
-            opened_by: (
-                User::Process(turn.process().id()),
-                turn.process().priority(),
-            ),
-            // SAFETY: a turn is that of this thread; another lock is biased to its executor, as is
-            // demanded here.
-            commit_lock: unsafe { BiasedLock::biased_to(turn.executor_number(), ()) },
-            ..Self::new()
-        }
-    }
-
-    /// The process that has [opened it on the fast path](Self::opened_fast), and its priority then.
+    /// The process that opened it when it was made, and its priority then.
     pub(crate) fn opened_by(&self) -> (User, Priority) {
         self.opened_by
-    }
-
-    /// Makes commits need the commit lock, for good: for a select state that others may close.
-    pub(crate) fn require_lock(&mut self) {
-        self.needs_lock.store(true, Ordering::Relaxed);
     }
 
     /// Takes the commit lock for one step. The owner decides what else the lock guards beside the
     /// state.
     #[inline]
-    pub(crate) fn commit_lock(&self) -> BiasedGuard<'_, ()> {
+    pub(crate) fn commit_lock(&self) -> BiasedGuard<'_, Opening> {
         self.commit_lock.lock()
     }
 
     /// As [`commit_lock`](Self::commit_lock), if it is biased to this executor.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold the commit lock.
     #[inline(always)]
-    pub(crate) unsafe fn commit_lock_if_biased(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Option<InsideGuard<'_, ()>> {
-        // SAFETY: the calling thread does not hold the commit lock, as is demanded here: all that
-        // the lock demands.
-        self.commit_lock.enter_in(turn.here())
+    pub(crate) fn commit_lock_if_biased(&self, here: Here<'_>) -> Option<InsideGuard<'_, Opening>> {
+        self.commit_lock.enter_in(here)
     }
 
-    /// Opens a select state that needs its commit lock for good.
-    ///
-    /// # Safety
-    ///
-    /// The owner calls this, the select state is closed, and the commit lock is held.
-    pub(crate) unsafe fn open_with_lock(&self, wake_handle: WakeHandle) {
-        // SAFETY: in a closed select state it is the owner's; a thread that has closed it for the
-        // owner has left the commit lock.
-        self.wake_handle
-            .with_mut(|cell| unsafe { *cell = Some(wake_handle) });
+    /// Opens a closed one. `opening` is what its commit lock guards.
+    pub(crate) fn open_again(&self, opening: &mut Opening, wake_handle: WakeHandle) {
+        // A thread that has closed it for the owner has taken the former one.
+        debug_assert!(opening.wake_handle.is_none());
+        opening.wake_handle = Some(wake_handle);
         self.state.store(OPEN, Ordering::Release);
     }
 
-    /// As [`open_with_lock`](Self::open_with_lock), for the process in its plain turn.
-    ///
-    /// # Safety
-    ///
-    /// As for `open_with_lock`; and the commit lock is biased to the executor of this turn.
-    #[inline]
-    pub(crate) unsafe fn open_plainly(&self, turn: PlainTurn<'_>) {
+    /// As [`open_again`](Self::open_again), for the process in its plain turn. The commit lock is
+    /// held by its bias to the executor of this turn.
+    #[inline(always)]
+    pub(crate) fn open_plainly(&self, opening: &mut InsideGuard<'_, Opening>, turn: PlainTurn<'_>) {
         let wake_handle = Some(WakeHandle::of_plain_turn(turn));
-        // SAFETY: in a closed select state the wake handle is the owner's, and a thread that has
-        // closed it for the owner has left the commit lock, which is held here. The former handle
-        // is not dropped: it could be left here only by an opening that no thread has left, and
-        // there is none.
-        self.wake_handle
-            .with_mut(|cell| unsafe { cell.write(wake_handle) });
+        // Not dropped: there is none, as `open_again` says.
+        core::mem::forget(replace(&mut opening.wake_handle, wake_handle));
         self.state.store(OPEN_PLAINLY, Ordering::Release);
     }
 
-    /// Chooses `guard`, if the select state was opened [plainly](Self::open_plainly): returns the
-    /// owner's pending wake.
+    /// Chooses `guard`, if the select state was opened plainly: returns the owner's pending wake.
+    /// For partners, as [`commit`](Self::commit).
     ///
     /// # Safety
     ///
-    /// The commit lock is held by the executor that owns its bias. This is a partner, as for
-    /// [`commit`](Self::commit).
+    /// `opening` is what this commit lock guards, held by the executor that owns its bias.
     #[inline(always)]
-    pub(crate) unsafe fn commit_plainly(&self, guard: u32) -> Option<PlainPendingWake> {
-        if self.state.load(Ordering::Acquire) != OPEN_PLAINLY {
+    pub(crate) unsafe fn commit_plainly(
+        &self,
+        opening: &mut InsideGuard<'_, Opening>,
+        guard: u32,
+    ) -> Option<PlainPendingWake> {
+        if self.state.load(Ordering::Acquire) != OPEN_PLAINLY || opening.is_late(guard) {
             return None;
         }
-        let ready = self.wake_handle.with_mut(|cell| {
-            // SAFETY: the commit lock is held, and the state is about to be left. In
-            // `OPEN_PLAINLY` there is a plain wake handle, made by the executor that owns the bias:
-            // on this thread. It is overwritten, not dropped, after it was read.
-            unsafe {
-                let ready = WakeHandle::plain_of(cell);
-                cell.write(None);
-                ready
-            }
-        });
+        // SAFETY: the commit lock is held, and the state is about to be left. In `OPEN_PLAINLY`
+        // there is a plain wake handle, made by the executor that owns the bias: on this thread. It
+        // is overwritten, not dropped, after it was read.
+        let ready = unsafe {
+            let ready = WakeHandle::plain_of(&raw const opening.wake_handle);
+            (&raw mut opening.wake_handle).write(None);
+            ready
+        };
         self.state
             .store(guard.saturating_add(CHOSEN), Ordering::Release);
         Some(ready)
     }
 
-    /// Replaces the wake handle, and returns the former one.
-    ///
-    /// # Safety
-    ///
-    /// The owner calls this, and no thread can commit the select state meanwhile: it is closed, or
-    /// the owner holds the locks of all lists that its nodes are in.
-    pub(crate) unsafe fn replace_wake_handle(&self, wake_handle: WakeHandle) -> Option<WakeHandle> {
-        if self.state.load(Ordering::Relaxed) == OPEN_PLAINLY {
-            // Release: the owner's next store of the wake handle follows under the same locks.
-            self.state.store(OPEN, Ordering::Release);
+    /// Whether it is open and would not wake the process of this poll.
+    pub(crate) fn wakes_another(&self, cx: &Context<'_>) -> bool {
+        let opening = self.commit_lock.lock();
+        let wake_handle = opening.wake_handle.as_ref();
+        self.is_open() && wake_handle.is_some_and(|wake_handle| !wake_handle.is_of(cx))
+    }
+
+    /// Gives the owner of an open one another wake handle; returns the handle that is not used any
+    /// more, or `wake_handle` if it is not open. Its drop is user code.
+    pub(crate) fn replace_wake_handle(&self, wake_handle: WakeHandle) -> Option<WakeHandle> {
+        let mut opening = self.commit_lock.lock();
+        if !self.is_open() {
+            return Some(wake_handle);
         }
-        // SAFETY: the wake handle of an open select state belongs to the thread that leaves that
-        // state. By `# Safety` no thread can do so meanwhile, so it is the owner's.
-        self.wake_handle
-            .with_mut(|cell| unsafe { (*cell).replace(wake_handle) })
+        self.state.store(OPEN, Ordering::Release);
+        opening.wake_handle.replace(wake_handle)
     }
 
     /// Number of the chosen guard, if any. Acquire: all before the commit is visible.
@@ -272,73 +258,40 @@ impl SelectState {
     ///
     /// For partners, under the lock of the list in which they found a node that leads here.
     #[inline]
-    pub(crate) fn commit(&self, guard: u32) -> Option<Option<WakeHandle>> {
-        if !self.is_open() || self.is_late(guard) {
+    pub(crate) fn commit(&self, guard: u32) -> Option<WakeHandle> {
+        if !self.is_open() {
             return None;
         }
-        self.leave_open(guard.saturating_add(CHOSEN))
+        let mut opening = self.commit_lock.lock();
+        if opening.is_late(guard) {
+            return None;
+        }
+        self.leave_open(&mut opening, guard.saturating_add(CHOSEN))
     }
 
     /// As [`commit`](Self::commit), by the owner for a guard of its own after its time has come.
     /// The owner need not be woken.
     #[must_use = "the handle's drop is user code, and the owner's last step"]
     pub(crate) fn commit_own(&self, guard: u32) -> Option<WakeHandle> {
-        self.leave_open(guard.saturating_add(CHOSEN)).flatten()
-    }
-
-    /// Whether a delay that is preferred to `guard` has passed.
-    #[inline(always)]
-    fn is_late(&self, guard: u32) -> bool {
-        let late_from = self.late_from.load(Ordering::Relaxed);
-        late_from != u64::MAX && self.is_past(late_from, guard)
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn is_past(&self, late_from: u64, guard: u32) -> bool {
-        guard >= self.first_late.load(Ordering::Relaxed)
-            && self.clock.load(Ordering::Relaxed) == Clock::number_here()
-            && Instant::now().as_nanos() >= late_from
+        self.leave_open(&mut self.commit_lock.lock(), guard.saturating_add(CHOSEN))
     }
 
     /// Withdraws the choice from all partners, if nothing is chosen yet: returns the owner's wake
     /// handle.
     #[must_use = "the handle's drop is user code, and the owner's last step"]
-    pub(crate) fn close(&self) -> Option<Option<WakeHandle>> {
-        self.leave_open(CLOSED)
+    pub(crate) fn close(&self) -> Option<WakeHandle> {
+        self.leave_open(&mut self.commit_lock.lock(), CLOSED)
     }
 
-    /// Leaves an open state for `state`: returns the wake handle, if there is one.
+    /// Leaves an open state for `state`, under the commit lock: returns the wake handle.
     #[inline]
-    fn leave_open(&self, state: u32) -> Option<Option<WakeHandle>> {
-        if self.needs_lock.load(Ordering::Relaxed) {
-            let _commit_lock = self.commit_lock.lock();
-            // SAFETY: the commit lock is held.
-            return unsafe { self.leave_open_with_lock(state) };
-        }
-        self.state
-            .compare_exchange(OPEN, state, Ordering::AcqRel, Ordering::Relaxed)
-            .ok()?;
-        // SAFETY: this thread's exchange left `OPEN`, so the wake handle is its own.
-        Some(self.wake_handle.with_mut(|cell| unsafe { (*cell).take() }))
-    }
-
-    /// As [`leave_open`](Self::leave_open), under the commit lock.
-    ///
-    /// # Safety
-    ///
-    /// The select state needs its commit lock, and the calling thread holds it.
-    #[inline]
-    unsafe fn leave_open_with_lock(&self, state: u32) -> Option<Option<WakeHandle>> {
+    fn leave_open(&self, opening: &mut Opening, state: u32) -> Option<WakeHandle> {
         if !self.is_open() {
             return None;
         }
-        // SAFETY: no other thread leaves an open state while the commit lock is held, so the wake
-        // handle is this thread's.
-        let wake_handle = self.wake_handle.with_mut(|cell| unsafe { (*cell).take() });
-        // After it was taken: the owner, when it sees that the state was left, may open it again.
+        let wake_handle = opening.wake_handle.take();
         self.state.store(state, Ordering::Release);
-        Some(wake_handle)
+        wake_handle
     }
 
     /// The order in which several commit locks are taken: that of the addresses.
@@ -361,17 +314,18 @@ impl SelectState {
     ///
     /// # Safety
     ///
-    /// `this` needs its commit lock, is live until `leave`, and this thread has not entered it.
+    /// `this` is live until `leave`, and this thread has not entered it.
     pub(crate) unsafe fn enter(this: NonNull<SelectState>, guard: u32) -> bool {
         // SAFETY: by `# Safety` it is live until `leave`, which drops the guard that borrows it: so
         // the longer lifetime is not relied on.
         let select_state: &'static SelectState = unsafe { this.as_ref() };
         let commit_lock = select_state.commit_lock.lock();
+        let is_late = commit_lock.is_late(guard);
         // SAFETY: the commit lock is this thread's.
         select_state
             .entered
             .with_mut(|cell| unsafe { *cell = Some(commit_lock) });
-        select_state.is_open() && !select_state.is_late(guard)
+        select_state.is_open() && !is_late
     }
 
     /// Leaves the commit lock; before that, chooses `guard` if one is given, and returns the
@@ -381,13 +335,8 @@ impl SelectState {
     ///
     /// This thread has entered it. With a guard, it was open then.
     pub(crate) unsafe fn leave(&self, guard: Option<u32>) -> Option<WakeHandle> {
-        // SAFETY: this thread has entered it, so it holds the commit lock, and `enter` is for a
-        // select state that needs that lock.
-        let wake_handle = guard
-            .and_then(|guard| unsafe { self.leave_open_with_lock(guard.saturating_add(CHOSEN)) });
-        // SAFETY: the commit lock is this thread's.
-        let commit_lock = self.entered.with_mut(|cell| unsafe { (*cell).take() });
-        drop(commit_lock);
-        wake_handle.flatten()
+        // SAFETY: this thread has entered it, so the commit lock is its own.
+        let mut opening = self.entered.with_mut(|cell| unsafe { (*cell).take() })?;
+        self.leave_open(&mut opening, guard?.saturating_add(CHOSEN))
     }
 }

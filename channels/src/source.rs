@@ -24,10 +24,6 @@ pub unsafe trait Source<T>: Sized {
     #[doc(hidden)]
     const MAKE: Option<Make<T>> = None;
 
-    /// Whether every one [is open](Self::is_open).
-    #[doc(hidden)]
-    const ALWAYS_OPEN: bool = true;
-
     /// Whether there is, or will be, a value.
     #[inline]
     fn is_open(&self) -> bool {
@@ -94,7 +90,6 @@ impl<T> fmt::Debug for FromSlot<'_, T> {
 // SAFETY: nothing is made.
 unsafe impl<T> Source<T> for FromSlot<'_, T> {
     type Unsent = ();
-    const ALWAYS_OPEN: bool = false;
 
     fn is_open(&self) -> bool {
         self.was_full

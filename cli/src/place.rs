@@ -2,7 +2,7 @@
 
 use crate::args::Placement;
 use luna::{Policy, System};
-use luna_platform::facts::{Source, parse::core_list};
+use luna_machine::facts::{Source, parse::core_list};
 use luna_platform::thread::available_cores;
 
 /// The executor `name`, placed as asked for; without a core, on the one that [`quietest`] finds.

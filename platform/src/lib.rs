@@ -1,6 +1,6 @@
 //! The platform layer of LUNA.
 //!
-//! This is the only crate of the project with system calls. Above it stand channels, executors and
+//! Processes, channels and executors call the system through this crate alone. Above it stand channels, executors and
 //! the framework itself, which see one interface whatever is below: each backend is a folder that
 //! defines the same names.
 //!
@@ -21,19 +21,14 @@
 //!
 //! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was
 //!   refused, why, and how to get it.
-//! - [`clock`], [`futex`], [`bell`], [`deadline_sleep`], [`event_count`], [`lock`], [`spin`],
+//! - [`clock`], [`futex`], [`bell`], [`deadline_sleep`], [`lock`], [`spin`],
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
 //!   deadlines of a busy thread.
 //! - [`on_drop`]: what is undone at the end of a scope. [`debug_fields`]: `Debug` of a part.
-//! - `file`: reading and writing without waiting (on Unix); `socket`: datagrams.
-//! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the
-//!   machine is.
-//! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
-//! - [`signals`], [`crash`], [`parent`]: requests to end, crashes, and the end of the parent
-//!   process, as events.
 //!
-//! It knows nothing of processes: they are the subject of `luna-core`.
+//! It knows nothing of processes: they are the subject of `luna-core`. What a system needs of its
+//! machine beside these, such as signals and locked memory, is in `luna-machine`.
 //!
 //! A system call is made on the real-time path only where a function's documentation says so;
 //! [`path`] lets a test hold the path to that.
@@ -61,47 +56,23 @@ extern crate alloc;
 pub mod alarm;
 pub mod bell;
 pub mod clock;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod crash;
 pub mod deadline_sleep;
 mod debug;
-pub mod event_count;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod facts;
-#[cfg(all(feature = "std", unix, not(loom)))]
-pub mod file;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod forked;
 pub mod futex;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod latency;
 mod local;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod memory;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod new_file;
 pub mod on_drop;
 pub mod panics;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod parent;
 pub mod path;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod reactor;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod shortfall;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod signals;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod socket;
 pub mod spin;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod steal;
 pub mod sync;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod thread;
-
-#[cfg(all(feature = "std", not(loom)))]
-pub mod usage;
 
 #[cfg(all(loom, not(feature = "std")))]
 compile_error!("the models need the feature `std`");

@@ -3,7 +3,7 @@
 
 use super::tree::{Node, Tree, label};
 use luna_core::current::{self, Process, ProcessId};
-use luna_core::events::{self, Kind, code};
+use luna_events::{self as events, Kind, code};
 use pin_project_lite::pin_project;
 use std::cell::{Cell, RefCell};
 use std::future::Future;

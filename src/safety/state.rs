@@ -4,10 +4,10 @@
 use crate::error::Error;
 use crate::log::Log;
 use luna_core::current::{self, ProcessId};
-use luna_core::events::code;
+use luna_events::code;
+use luna_machine::signals;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::signals;
 use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};

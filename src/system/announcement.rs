@@ -10,7 +10,7 @@ use super::compose;
 use super::plan::Plan;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::notice::notice;
-use luna_platform::signals;
+use luna_machine::signals;
 use std::fmt::Write as _;
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, Read as _, Write as _};

@@ -5,8 +5,8 @@
 //! loops, and the report matches both by their times.
 
 use crate::time::StolenTime;
+use luna_machine::steal::StealMeter;
 use luna_platform::clock::Instant;
-use luna_platform::steal::StealMeter;
 use std::collections::VecDeque;
 use std::time::Duration;
 

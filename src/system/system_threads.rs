@@ -5,8 +5,8 @@ use crate::notice::notice;
 use crate::report::ThreadReport;
 use crate::safety::Cause;
 use luna_core::{Executor, Simulation};
+use luna_machine::facts::{RealTimeShare, Source};
 use luna_platform::clock::Instant;
-use luna_platform::facts::{RealTimeShare, Source};
 use luna_platform::thread::{Obtained, Policy};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -111,7 +111,7 @@ impl Drop for SystemThreads<'_> {
             // Now, or by an end that came before the panic. Their owners are not looked up any
             // more.
             for left_behind in self.plan.members().started.left_behind() {
-                std::mem::forget(left_behind.take_resident());
+                std::mem::forget(left_behind.resident.take());
             }
         }
     }

@@ -1,7 +1,7 @@
 //! What the kernel counted of a thread between two readings.
 
+use luna_machine::usage::ThreadUsage;
 use luna_platform::clock::Instant;
-use luna_platform::usage::ThreadUsage;
 use std::fmt;
 use std::time::Duration;
 

@@ -1,7 +1,7 @@
 //! The text of a report about a late cycle.
 
 use super::accounting::{UsageSince, short};
-use luna_core::events::code::late;
+use luna_events::code::late;
 use luna_platform::clock::{Instant, nanos};
 use std::fmt;
 use std::time::Duration;
@@ -184,7 +184,7 @@ impl fmt::Display for LateCycle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use luna_platform::usage::ThreadUsage;
+    use luna_machine::usage::ThreadUsage;
 
     fn ms(millis: u64) -> Duration {
         Duration::from_millis(millis)

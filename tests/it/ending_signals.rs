@@ -214,7 +214,7 @@ fn a_process_that_takes_its_core_for_ever() {
 fn the_page_on_safety_names_them_all() {
     let page = include_str!("../../docs/safety.md");
     for number in ending().filter(|&number| number < libc::SIGRTMIN()) {
-        let name = luna_platform::signals::name(number).to_string();
+        let name = luna_machine::signals::name(number).to_string();
         assert!(page.contains(&name), "{name} is not there");
     }
     assert!(page.contains("SIGRTMIN") && page.contains("SIGRTMAX"));

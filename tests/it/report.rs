@@ -240,7 +240,7 @@ fn a_process_that_fails_is_the_outcome_when_all_have_ended() {
 
 #[test]
 fn a_threads_processor_time_is_told_where_there_is_one() {
-    use luna_platform::usage::processor_time;
+    use luna_platform::clock::processor_time;
     const BUSY: Duration = Duration::from_millis(5);
 
     for is_virtual in [false, true] {

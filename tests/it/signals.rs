@@ -14,7 +14,7 @@ const INTERRUPT: i32 = 2;
 const TERMINATE: i32 = 15;
 
 /// How long a second signal counts as the first one's echo.
-const SAME_REQUEST: Duration = luna_platform::signals::SAME_REQUEST;
+const SAME_REQUEST: Duration = luna_machine::signals::SAME_REQUEST;
 
 /// Says when its body and it itself ended.
 struct Narrator {

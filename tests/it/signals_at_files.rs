@@ -190,7 +190,7 @@ fn a_second_one_ends_the_program_at_its_end() {
         program.signal(2);
         // One that comes soon counts as the first one's echo, from when that was handled.
         while !has_ended(&program) {
-            std::thread::sleep(luna_platform::signals::SAME_REQUEST);
+            std::thread::sleep(luna_machine::signals::SAME_REQUEST);
             program.signal(signal);
         }
         let ended = program.end();
@@ -201,7 +201,7 @@ fn a_second_one_ends_the_program_at_its_end() {
 /// Whether it is a zombie: nothing has waited for it yet.
 fn has_ended(program: &Program) -> bool {
     let status = fs::read_to_string(format!("/proc/{}/status", program.number())).unwrap();
-    luna_platform::facts::task::field(&status, "State")
+    luna_machine::facts::task::field(&status, "State")
         .unwrap()
         .starts_with('Z')
 }

@@ -110,11 +110,12 @@ impl Future for After {
 
 // SAFETY: it has no wait point, and is never listed.
 unsafe impl RawGuard for After {
-    fn terms(&self) -> Terms<'_> {
-        Terms {
-            deadline: Some(self.sleep.deadline()),
-            ..Terms::default()
-        }
+    fn terms(&self) -> Terms {
+        Terms::default()
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        Some(self.sleep.deadline())
     }
 
     unsafe fn attempt(

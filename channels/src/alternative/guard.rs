@@ -1,6 +1,5 @@
 //! What an alternative may offer.
 
-use super::fast_path::PlainGuard;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, WaitQueues};
@@ -32,14 +31,6 @@ pub trait Guard: RawGuard {
     #[doc(hidden)]
     type Seed;
 
-    /// Whether it is [plain](Self::plain).
-    #[doc(hidden)]
-    const PLAIN: bool = false;
-
-    /// Whether every one [is open](Self::is_open).
-    #[doc(hidden)]
-    const ALWAYS_OPEN: bool = true;
-
     /// Takes a new guard for its seed.
     #[doc(hidden)]
     fn into_seed(self) -> Self::Seed;
@@ -53,37 +44,6 @@ pub trait Guard: RawGuard {
     #[inline(always)]
     fn is_open(&self) -> bool {
         true
-    }
-
-    /// What the fast path needs of it, if it is `PLAIN`: a send without a closure, or a receive
-    /// that holds no sender. A plain guard also implements [`note_listed`](Self::note_listed),
-    /// [`meet`](Self::meet) and [`output_when_done`](Self::output_when_done).
-    #[doc(hidden)]
-    fn plain(&self) -> PlainGuard<'_> {
-        unreachable!("a guard without a fast path")
-    }
-
-    /// The fast path has listed it.
-    #[doc(hidden)]
-    fn note_listed(self: Pin<&mut Self>) {}
-
-    /// Moves the value between it and a partner on the fast path: it is over.
-    ///
-    /// # Safety
-    ///
-    /// It is plain and new. `partner` is the node of a waiting plain operation at the other side of
-    /// its channel, the lock of which is held by this thread.
-    #[doc(hidden)]
-    unsafe fn meet(self: Pin<&mut Self>, _partner: NonNull<WaitNode>) {}
-
-    /// Takes the output of a plain guard that is done: see [`meet`](Self::meet).
-    ///
-    /// # Safety
-    ///
-    /// It is done, by a partner or by `meet`, and this is called once.
-    #[doc(hidden)]
-    unsafe fn output_when_done(self: Pin<&mut Self>) -> Self::Output {
-        unreachable!("a guard without a fast path")
     }
 
     /// Takes the guard's output.
@@ -124,29 +84,30 @@ macro_rules! own_seed {
 
 pub(crate) use own_seed;
 
-/// What an alternative considers of a guard.
+/// What an alternative considers of a guard: asked once, so that a look at it calls nothing.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Terms<'a> {
+pub struct Terms {
     /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
     pub(crate) wait_point: Option<NonNull<WaitPoint>>,
-    /// When its end was last chosen.
-    pub(crate) stamp: Option<&'a Stamp>,
-    /// From when on it is ready, if that is known for certain: for a delay.
-    pub(crate) deadline: Option<Instant>,
-    /// Whether a partner may commit several alternatives at once to make it happen.
-    pub(crate) commits_several: bool,
+    /// When its end was last chosen; none for one without a wait point. It outlives the guard.
+    pub(crate) stamp: Option<NonNull<Stamp>>,
+    /// The node of a plain guard: a send without a closure, or a receive that holds no sender. It
+    /// is that of a waiter, which a partner in a plain turn may meet where it waits alone. Such a
+    /// guard also has [`meet`](RawGuard::meet) and [`note_listed`](RawGuard::note_listed).
+    pub(crate) plain: Option<NonNull<WaitNode>>,
+    pub(crate) of_sender: bool,
     /// Whether it is chosen, and [fails](RawGuard::fail), when a sibling branch has failed. A call
     /// does not: the branch ends instead.
     pub(crate) can_fail: bool,
 }
 
-impl<'a> Terms<'a> {
+impl Terms {
     /// Of an operation at `wait_point`, through an end with this stamp.
     #[inline(always)]
-    pub(crate) fn at(wait_point: &WaitPoint, stamp: &'a Stamp) -> Self {
+    pub(crate) fn at(wait_point: &WaitPoint, stamp: &Stamp) -> Self {
         Self {
             wait_point: Some(NonNull::from(wait_point)),
-            stamp: Some(stamp),
+            stamp: Some(NonNull::from(stamp)),
             ..Self::default()
         }
     }
@@ -164,12 +125,22 @@ impl<'a> Terms<'a> {
 ///
 /// # Safety
 ///
-/// The wait point of its terms outlives the guard. A guard that is dropped while it is listed takes
-/// its node off the list. The default methods suit a guard without a wait point. One that
+/// The wait point and the stamp of its terms outlive the guard, and its plain node is its own. A
+/// guard that is dropped while it is listed takes its node off the list. The default methods suit a guard without a wait point. One that
 /// has a wait point brings its own `list`, `withdraw` and `poll_chosen`.
 pub unsafe trait RawGuard {
     /// What is to be considered. The same in all calls.
-    fn terms(&self) -> Terms<'_>;
+    fn terms(&self) -> Terms;
+
+    /// When its end was last chosen, for one without a wait point that remembers that.
+    fn stamp(&self) -> Option<&Stamp> {
+        None
+    }
+
+    /// From when on it is ready, if that is known for certain: for a delay.
+    fn deadline(&self) -> Option<Instant> {
+        None
+    }
 
     /// Makes the guard happen at once, if possible. O(1) for channels.
     ///
@@ -244,4 +215,15 @@ pub unsafe trait RawGuard {
     unsafe fn fail(self: Pin<&mut Self>) -> bool {
         false
     }
+
+    /// It is plain, and was listed without [`list`](Self::list).
+    fn note_listed(self: Pin<&mut Self>) {}
+
+    /// Moves the value between it and a partner: it is done.
+    ///
+    /// # Safety
+    ///
+    /// It is plain and new. `partner` is the node of a waiting plain operation at the other side of
+    /// its channel, the lock of which is held by this thread.
+    unsafe fn meet(self: Pin<&mut Self>, _partner: NonNull<WaitNode>) {}
 }

@@ -157,10 +157,7 @@ macro_rules! __alternative {
     // The guards live and die in the first statement; bodies run after it.
     (@emit $fair:tt [$($branches:tt)*] [$($skip:tt)*]) => {{
         let conditions = $crate::__alternative!(@conditions $($branches)*);
-        let chosen = $crate::__private::select::<$fair, _>(
-            $crate::__alternative!(@guards [conditions] [$($skip)*] $($branches)*),
-        )
-        .await;
+        let chosen = $crate::__alternative!(@guards $fair [conditions] [$($skip)*] [] $($branches)*);
         $crate::__alternative!(@bodies chosen [$($skip)*] $($branches)*)
     }};
 
@@ -173,29 +170,55 @@ macro_rules! __alternative {
         ($condition, $crate::__alternative!(@conditions $($rest)*))
     };
 
-    (@guards [$($conditions:tt)*] []) => {{
-        let () = $($conditions)*;
-        $crate::__private::Nil
-    }};
-    (@guards [$($conditions:tt)*] [{$skip:expr}]) => {{
-        let () = $($conditions)*;
-        $crate::__private::Skip
-    }};
-    (@guards [$($conditions:tt)*] [$($skip:tt)*] {[$pattern:pat] [$guard:expr] [] [$body:expr]} $($rest:tt)*) => {
-        $crate::__private::Cons(
-            $crate::__private::guard($guard),
-            $crate::__alternative!(@guards [$($conditions)*.1] [$($skip)*] $($rest)*),
-        )
+    // Each guard is pinned in a block around that of the next one, and the innermost block chooses.
+    // A `match`, since what a guard's expression borrows is to live as long as the guard.
+    (@guards $fair:tt [$($conditions:tt)*] [$($skip:tt)*] [$($guards:ident)*] {[$pattern:pat] [$guard:expr] [] [$body:expr]} $($rest:tt)*) => {
+        match $crate::__private::guard($guard) {
+            seed => {
+                let mut guard = ::core::pin::pin!($crate::__private::Place::empty());
+                guard.as_mut().plant(::core::option::Option::Some(seed));
+                $crate::__alternative!(@guards $fair [$($conditions)*.1] [$($skip)*] [$($guards)* guard] $($rest)*)
+            }
+        }
     };
-    (@guards [$($conditions:tt)*] [$($skip:tt)*] {[$pattern:pat] [$guard:expr] [$condition:expr] [$body:expr]} $($rest:tt)*) => {
-        $crate::__private::Cons(
-            if $($conditions)*.0 {
-                ::core::option::Option::Some($crate::__private::guard($guard))
-            } else {
-                ::core::option::Option::None
-            },
-            $crate::__alternative!(@guards [$($conditions)*.1] [$($skip)*] $($rest)*),
-        )
+    (@guards $fair:tt [$($conditions:tt)*] [$($skip:tt)*] [$($guards:ident)*] {[$pattern:pat] [$guard:expr] [$condition:expr] [$body:expr]} $($rest:tt)*) => {
+        match if $($conditions)*.0 {
+            ::core::option::Option::Some($crate::__private::guard($guard))
+        } else {
+            ::core::option::Option::None
+        } {
+            seed => {
+                let mut guard = ::core::pin::pin!($crate::__private::Place::empty());
+                guard.as_mut().plant(seed);
+                $crate::__alternative!(@guards $fair [$($conditions)*.1] [$($skip)*] [$($guards)* guard] $($rest)*)
+            }
+        }
+    };
+    (@guards $fair:tt [$($conditions:tt)*] [$($skip:tt)*] [$($guards:ident)*]) => {{
+        let () = $($conditions)*;
+        let has_skip = $crate::__alternative!(@has_skip $($skip)*);
+        let number = $crate::__private::choose(&mut [$($guards.as_mut().offer()),*], $fair, has_skip).await;
+        $($guards.as_mut().decided();)*
+        $crate::__alternative!(@output number [$($skip)*] $($guards)*)
+    }};
+
+    (@has_skip) => { false };
+    (@has_skip {$skip:expr}) => { true };
+
+    (@output $number:ident []) => {
+        $crate::__private::no_guard($number)
+    };
+    (@output $number:ident [{$skip:expr}]) => {{
+        let _ = $number;
+    }};
+    (@output $number:ident [$($skip:tt)*] $guard:ident $($rest:ident)*) => {
+        if $number == 0 {
+            // SAFETY: the choice has given this guard's number, and the output is taken once.
+            $crate::__private::Either::L(unsafe { $guard.as_mut().output() })
+        } else {
+            let number = $number - 1;
+            $crate::__private::Either::R($crate::__alternative!(@output number [$($skip)*] $($rest)*))
+        }
     };
 
     (@bodies $chosen:ident []) => { match $chosen {} };

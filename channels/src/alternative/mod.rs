@@ -1,25 +1,25 @@
 //! Alternatives: several operations are offered, one of them happens.
 
 mod after;
-mod choose;
-mod fast_path;
+mod choice;
 mod guard;
-mod list;
+mod locks;
 mod macros;
+mod offer;
+mod partner;
 mod ready_set;
 mod registered;
-mod select;
 mod stop;
 mod when;
 
 pub use after::{After, after, at};
-pub(crate) use fast_path::{Commit, PlainGuard, commit, take_first};
+pub use choice::{Choice, choose};
 pub use guard::Guard;
 pub(crate) use guard::{Attempt, RawGuard, Terms, own_seed};
-pub use list::{Cons, Either, Guards, Never, Nil, Seed, Seeds, Skip, guard};
+pub use offer::{Either, Never, Offer, Place, Seed, guard, no_guard};
+pub(crate) use partner::{Commit, commit};
 pub(crate) use registered::Entry;
 pub use registered::{Alternative, AlternativeRecv};
-pub use select::{Select, select};
 #[cfg(not(loom))]
 pub(crate) use stop::with_stopped;
 pub use when::{Due, When};

@@ -114,11 +114,8 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     fn new(inputs: &'a [Receiver<T>], is_fair: bool) -> Self {
-        let mut select_state = SelectState::new();
-        // A sender that reports a ready channel closes the select state for its owner.
-        select_state.require_lock();
         let hub = Box::new(Hub {
-            select_state,
+            select_state: SelectState::new(),
             stack: AtomicPtr::new(ptr::null_mut()),
         });
         let mut alternative = Self {

@@ -69,12 +69,21 @@ impl Stop {
     }
 }
 
+impl Stop {
+    #[cold]
+    #[inline(never)]
+    fn unlist(&self) {
+        #[cfg(not(loom))]
+        // SAFETY: it is listed, and the lock is held.
+        with_stopped(|list| unsafe { list.remove(self.node()) });
+    }
+}
+
 impl Drop for Stop {
+    #[inline(always)]
     fn drop(&mut self) {
         if self.is_listed {
-            #[cfg(not(loom))]
-            // SAFETY: it is listed, and the lock is held.
-            with_stopped(|list| unsafe { list.remove(self.node()) });
+            self.unlist();
         }
     }
 }

@@ -131,11 +131,12 @@ impl<D: Due> Future for When<D> {
 
 // SAFETY: it has no wait point, and is never listed.
 unsafe impl<D: Due> RawGuard for When<D> {
-    fn terms(&self) -> Terms<'_> {
-        Terms {
-            stamp: self.due.stamp(),
-            ..Terms::default()
-        }
+    fn terms(&self) -> Terms {
+        Terms::default()
+    }
+
+    fn stamp(&self) -> Option<&Stamp> {
+        self.due.stamp()
     }
 
     unsafe fn attempt(

@@ -302,11 +302,8 @@ impl Future for SyncOp<'_> {
 
 // SAFETY: it borrows its barrier, which keeps the wait point; its drop takes it off the list.
 unsafe impl RawGuard for SyncOp<'_> {
-    fn terms(&self) -> Terms<'_> {
-        Terms {
-            commits_several: true,
-            ..Terms::at(self.meeting(), &self.barrier.chosen)
-        }
+    fn terms(&self) -> Terms {
+        Terms::at(self.meeting(), &self.barrier.chosen)
     }
 
     unsafe fn attempt(

@@ -28,7 +28,7 @@ pub(crate) use hand_off::HandOff;
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
 #[cfg(all(test, loom))]
 pub(crate) use prologue::taken;
-pub(crate) use prologue::{FastPath, Meet, part_alone, part_queued, wake_partner};
+pub(crate) use prologue::{FastPath, Meet, part_alone, wake_partner};
 
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
@@ -375,7 +375,7 @@ impl<T> Channel<T> {
                 }
             };
             drop(locked);
-            if let Some(wake_handle) = closed.flatten() {
+            if let Some(wake_handle) = closed {
                 let rest = Finally::new(|| self.ring_all());
                 wake_handle.take().wake();
                 rest.cancel();

@@ -26,7 +26,7 @@
 //! cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
 
 use super::Channel;
-use crate::alternative::{Commit, commit, take_first};
+use crate::alternative::{Commit, commit};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
 use crate::waiter::Waiter;
 use core::hint::assert_unchecked;
@@ -495,70 +495,40 @@ fn give_way(turn: PlainTurn<'_>) -> FastPath {
 }
 
 /// Lets a partner go that waits alone and that an alternative has met, after the value was moved.
-/// The lock was kept.
 ///
 /// # Safety
 ///
-/// This thread has kept the lock, and the value was moved. The partner waits alone.
+/// The lists are those of `wait_point`, and the value was moved. The partner waits alone.
 #[inline(always)]
 pub(crate) unsafe fn part_alone(
     wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
     partner: NonNull<WaitNode>,
     by_sender: bool,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the lock was kept, the value was moved, and the partner waits alone, as is demanded
-    // here and there.
+    // SAFETY: the lists are those of the wait point, the value was moved, and the partner waits
+    // alone, as is demanded here and there.
     unsafe {
         match by_sender {
-            true => part_kept::<true>(wait_point, partner, turn),
-            false => part_kept::<false>(wait_point, partner, turn),
+            true => part_met::<true>(wait_point, lists, partner, turn),
+            false => part_met::<false>(wait_point, lists, partner, turn),
         }
     }
 }
 
 /// # Safety
 ///
-/// As for [`part_alone`]: the lock was kept, the value was moved, and the partner waits alone.
+/// As for [`part_alone`].
 #[inline(never)]
-unsafe fn part_kept<const SEND: bool>(
+unsafe fn part_met<const SEND: bool>(
     wait_point: &WaitPoint,
+    lists: InsideGuard<'_, WaitQueues>,
     partner: NonNull<WaitNode>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once. The partner waits alone, as `part`
-    // demands.
-    unsafe { part::<SEND>(wait_point, wait_point.kept(turn), partner, turn) }
-}
-
-/// As [`part_alone`], for the first partner of a queue.
-///
-/// # Safety
-///
-/// This thread has kept the lock, of a plain channel without a buffer, and the value was moved. The
-/// partner is the first of its queue and a plain operation, of which
-/// [`Waiter::has_plain_wake_handle`] is true.
-#[cold]
-#[inline(never)]
-pub(crate) unsafe fn part_queued(
-    wait_point: &WaitPoint,
-    by_sender: bool,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: the lock was kept, and is taken back once. The queue is that of a plain channel
-    // without a buffer, as is demanded here. The partner was taken off, as `depart` demands.
-    unsafe {
-        let mut lists = wait_point.kept(turn);
-        let queue = match by_sender {
-            true => lists.waiting_for::<true>(),
-            false => lists.waiting_for::<false>(),
-        };
-        match (take_first(queue, turn), by_sender) {
-            (Some(Some(partner)), true) => depart::<true>(wait_point, lists, partner, turn),
-            (Some(Some(partner)), false) => depart::<false>(wait_point, lists, partner, turn),
-            _ => unreachable!("the first of a queue has changed under the lock"),
-        }
-    }
+    // SAFETY: as is demanded here.
+    unsafe { part::<SEND>(wait_point, lists, partner, turn) }
 }
 
 impl<T> Channel<T> {

@@ -35,8 +35,8 @@ impl<T> Channel<T> {
                 return go_on_inside(lists);
             };
             let select_state = Entry::<T>::select_state(node.cast());
-            let committed = match select_state.commit_lock_if_biased(turn) {
-                Some(_commit_lock) => Entry::<T>::commit_or_announce(node.cast()),
+            let committed = match select_state.commit_lock_if_biased(turn.here()) {
+                Some(mut opening) => Entry::<T>::commit_or_announce(node.cast(), &mut opening),
                 None => None,
             };
             match committed {

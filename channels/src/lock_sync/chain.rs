@@ -44,10 +44,9 @@ pub(super) fn follow(changed: Option<Changed>) {
         }
         // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
         let next = inheritor.next_wait(*above, |node| unsafe {
-            let entry = Entry::waited_for(node);
-            (node.addr().get(), entry, (*entry.as_ptr()).core.clone())
+            (node.addr().get(), Entry::waited_for(node))
         });
-        let Some((address, entry, core)) = next else {
+        let Some((address, (entry, core))) = next else {
             way.pop();
             continue;
         };

@@ -26,6 +26,31 @@ pub(super) struct State {
 /// the holder of a mutex, or the last to take permits of a semaphore.
 pub(super) type Core = GuardedWaitPoint<State>;
 
+/// That the caller has permits of a core: the guard or the permit is made of it. Dropped, they are
+/// lost.
+#[must_use = "the permits are lost otherwise"]
+#[expect(
+    unreachable_pub,
+    reason = "the output of a public future's private trait names it"
+)]
+pub struct Hold<'a>(&'a Core);
+
+impl<'a> Hold<'a> {
+    /// # Safety
+    ///
+    /// A take of this core has succeeded, and no hold was made of it.
+    #[inline(always)]
+    pub(super) unsafe fn new(core: &'a Core) -> Self {
+        Self(core)
+    }
+
+    /// Whether they are permits of this core.
+    #[inline(always)]
+    pub(super) fn is_of(&self, core: &Core) -> bool {
+        core::ptr::eq(self.0, core)
+    }
+}
+
 impl Core {
     /// A new one, for its first handle. Allocates.
     #[track_caller]
@@ -87,15 +112,17 @@ impl Core {
     }
 
     /// Takes permits, if that can be done at once.
-    pub(super) fn try_take(&self, count: u32) -> bool {
+    pub(super) fn try_take(&self, count: u32) -> Option<Hold<'_>> {
         let here = Here::now();
         self.note_user(here);
+        // SAFETY: permits were taken, for this hold alone.
+        let hold = |is_taken: bool| is_taken.then(|| unsafe { Hold::new(self) });
         let take = || {
             let mut inheritor = self.inheritor(true);
             self.take(here, count, || inheritor.take())
         };
         if !current::has_replay_log() {
-            return take();
+            return hold(take());
         }
         // That of a semaphore has no stamp: a replay need not wait for the process that makes room.
         let taken = replay::call(
@@ -109,7 +136,7 @@ impl Core {
             },
             |taken| (!taken).then_some(replay::failure::NOTHING),
         );
-        taken.unwrap_or_default()
+        hold(taken.unwrap_or_default())
     }
 }
 

@@ -147,7 +147,7 @@ impl<L: Lists> Locked<'_, State, L> {
         unsafe {
             let state = self.state();
             state.permits -= u64::from((*entry.as_ptr()).count);
-            state.inheritor = (*entry.as_ptr()).inheritor.take();
+            state.inheritor = Entry::inheritor(entry).map(Inheritor::copy);
             self.receiver = LastUser::of(Entry::node(entry).as_ref().user());
             Admitted {
                 changed: self.boost_holder(),

@@ -2,7 +2,7 @@
 //! after a wait at a condition.
 
 use super::chain;
-use super::core::{Core, State};
+use super::core::{Core, Hold, State};
 use super::entry::Entry;
 use super::error::{AcquireError, AcquireTimeoutError};
 use crate::guarded_wait_point::Locked;
@@ -101,7 +101,7 @@ impl<'a> Take<'a> {
         &mut self,
         turn: current::Turn<'_>,
         cx: &mut Context<'_>,
-    ) -> Poll<Result<(), AcquireError>> {
+    ) -> Poll<Result<Hold<'a>, AcquireError>> {
         let polled = match turn.has_replay_log() {
             true => replay::poll(self, cx),
             false => self.poll_without_log(turn),
@@ -113,7 +113,10 @@ impl<'a> Take<'a> {
     }
 
     /// Polls until it has its permits, or its branch has failed.
-    fn poll_without_log(&mut self, turn: current::Turn<'_>) -> Poll<Result<(), AcquireError>> {
+    fn poll_without_log(
+        &mut self,
+        turn: current::Turn<'_>,
+    ) -> Poll<Result<Hold<'a>, AcquireError>> {
         let cx = &turn.context();
         if turn.branch_failed() && self.phase != Phase::Over && !self.withdraw() {
             if self.phase == Phase::New && crate::fails_later(cx) {
@@ -141,7 +144,17 @@ impl<'a> Take<'a> {
             Phase::Keeps => Poll::Ready(()),
             Phase::Over => panic!("a lock or acquire was polled after it was over"),
         };
-        polled.map(Ok)
+        // SAFETY: it has succeeded; the phase says that its permits belong to the caller when this
+        // is returned.
+        polled.map(|()| Ok(unsafe { self.hold() }))
+    }
+
+    /// # Safety
+    ///
+    /// It has succeeded, and no hold was made of it, or that was only kept.
+    pub(super) unsafe fn hold(&self) -> Hold<'a> {
+        // SAFETY: it has succeeded, as is demanded here, and gives its permits to this hold.
+        unsafe { Hold::new(self.core()) }
     }
 
     /// Takes permits under the lock, in whichever way it is held, or waits for them. At first as if
@@ -275,7 +288,7 @@ impl<'a> Take<'a> {
     pub(super) fn block_for(
         self,
         timeout: core::time::Duration,
-    ) -> Result<(), AcquireTimeoutError> {
+    ) -> Result<Hold<'a>, AcquireTimeoutError> {
         let deadline = luna_platform::clock::Instant::now() + timeout;
         let mut take = core::pin::pin!(self);
         match luna_core::park::block_on_until(take.as_mut(), deadline) {
@@ -304,8 +317,8 @@ pub(super) fn priority(of_thread: bool) -> Priority {
     })
 }
 
-impl Future for Take<'_> {
-    type Output = Result<(), AcquireError>;
+impl<'a> Future for Take<'a> {
+    type Output = Result<Hold<'a>, AcquireError>;
 
     /// Polls wherever the process is, and whatever it waits with.
     #[inline(never)]
@@ -325,7 +338,8 @@ impl Future for Take<'_> {
             if polled.is_ready() {
                 this.phase = Phase::Over;
             }
-            return polled.map(Ok);
+            // SAFETY: it has succeeded, and is over.
+            return polled.map(|()| Ok(unsafe { this.hold() }));
         }
         this.poll_otherwise(turn, cx)
     }
@@ -347,8 +361,8 @@ impl fmt::Debug for Take<'_> {
     }
 }
 
-impl Logged for Take<'_> {
-    type Output = Result<(), AcquireError>;
+impl<'a> Logged for Take<'a> {
+    type Output = Result<Hold<'a>, AcquireError>;
 
     const KEEPS: bool = true;
 
@@ -398,8 +412,8 @@ impl Logged for Take<'_> {
     }
 }
 
-impl GiveUp for Take<'_> {
-    type Outcome = Result<(), AcquireTimeoutError>;
+impl<'a> GiveUp for Take<'a> {
+    type Outcome = Result<Hold<'a>, AcquireTimeoutError>;
 
     /// It has not tried yet.
     fn lets_others_run(&self) -> bool {
@@ -411,7 +425,8 @@ impl GiveUp for Take<'_> {
         let has_them = this.withdraw();
         this.end();
         match has_them {
-            true => Ok(()),
+            // SAFETY: it was given its permits, and is over.
+            true => Ok(unsafe { this.hold() }),
             false => Err(AcquireTimeoutError::Timeout),
         }
     }

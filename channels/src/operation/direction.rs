@@ -40,9 +40,6 @@ pub trait Direction<T>: Sized {
     const ANSWERED: bool = false;
     /// Whether an operation that is over has anything to drop.
     const DROPS: bool = true;
-    /// Whether every one [is open](Self::is_open).
-    const ALWAYS_OPEN: bool = true;
-
     /// Whether it can ever happen. Asked while it is new.
     #[inline(always)]
     fn is_open(&self) -> bool {

@@ -1,7 +1,7 @@
 //! An operation as a guard of an alternative.
 
 use super::{Direction, Operation, Phase};
-use crate::alternative::{Attempt, Guard, PlainGuard, RawGuard, Terms};
+use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::core::Attempted;
 use crate::in_place::InPlace;
 use crate::select_state::SelectState;
@@ -16,9 +16,11 @@ use luna_core::wait_list::WaitNode;
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
 unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
-    #[inline]
-    fn terms(&self) -> Terms<'_> {
+    #[inline(always)]
+    fn terms(&self) -> Terms {
         Terms {
+            plain: D::PLAIN.then(|| self.waiter().cast()),
+            of_sender: D::SEND,
             can_fail: !D::ANSWERED,
             ..Terms::at(self.channel().wait_point(), &self.end.chosen)
         }
@@ -127,14 +129,32 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         this.phase = Phase::Settled(Outcome::Poisoned);
         true
     }
+
+    fn note_listed(self: Pin<&mut Self>) {
+        let this = self.in_place();
+        if this.phase == Phase::New {
+            this.phase = Phase::Listed;
+        }
+    }
+
+    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
+        let this = self.in_place();
+        let (from, to) = match D::SEND {
+            true => (this.waiter(), partner.cast()),
+            false => (partner.cast(), this.waiter()),
+        };
+        // SAFETY: the partner is a plain operation that waits at the other side of this channel,
+        // whose lock is held, and this is new, as is demanded here. So the send's node holds its
+        // value, the receive's holds none, and no other thread accesses either.
+        unsafe { Waiter::put_value_of(to, Waiter::take_value_of(from)) };
+        this.phase = Phase::Settled(Outcome::Done);
+    }
 }
 
 impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     type Output = Result<D::Success<'a>, D::Failure>;
     type Seed = D::Seed<'a>;
-    const PLAIN: bool = D::PLAIN;
     const DROPS: bool = D::DROPS;
-    const ALWAYS_OPEN: bool = D::ALWAYS_OPEN;
 
     #[inline(always)]
     fn into_seed(self) -> Self::Seed {
@@ -150,40 +170,6 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     fn is_open(&self) -> bool {
         // SAFETY: called for a new operation; only its future knows its node.
         unsafe { &*self.node.get() }.direction.is_open()
-    }
-
-    #[inline(always)]
-    fn plain(&self) -> PlainGuard<'_> {
-        PlainGuard {
-            wait_point: self.channel().wait_point(),
-            node: self.waiter().cast(),
-            of_sender: D::SEND,
-            stamp: &self.end.chosen,
-        }
-    }
-
-    #[inline(always)]
-    fn note_listed(self: Pin<&mut Self>) {
-        self.in_place().phase = Phase::Listed;
-    }
-
-    #[inline(always)]
-    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
-        let this = self.in_place();
-        let (from, to) = match D::SEND {
-            true => (this.waiter(), partner.cast()),
-            false => (partner.cast(), this.waiter()),
-        };
-        // SAFETY: the partner is a plain operation that waits at the other side of this channel,
-        // whose lock is held, and this is new, as is demanded here. So the send's node holds its
-        // value, the receive's holds none, and no other thread accesses either.
-        unsafe { Waiter::put_value_of(to, Waiter::take_value_of(from)) };
-        this.phase = Phase::Settled(Outcome::Done);
-    }
-
-    #[inline(always)]
-    unsafe fn output_when_done(self: Pin<&mut Self>) -> Self::Output {
-        Ok(self.in_place().done())
     }
 
     #[inline(always)]

@@ -39,7 +39,6 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     const SEND: bool = true;
     const PLAIN: bool = S::MAKE.is_none();
     const PLAIN_WHEN_MET: bool = true;
-    const ALWAYS_OPEN: bool = S::ALWAYS_OPEN;
 
     #[inline(always)]
     fn is_open(&self) -> bool {

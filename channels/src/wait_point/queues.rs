@@ -244,15 +244,6 @@ impl WaitQueues {
         self.waiting = Waiting::QUEUES;
     }
 
-    /// The queue of the operations that a send waits for, if `SEND`, or a receive.
-    #[inline(always)]
-    pub(crate) fn waiting_for<const SEND: bool>(&mut self) -> &mut WaitList {
-        match SEND {
-            true => &mut self.receivers,
-            false => &mut self.senders,
-        }
-    }
-
     /// Whether it is plain and has no buffer, and no alternative is registered.
     #[inline]
     pub(crate) fn is_plain_rendezvous(&self) -> bool {

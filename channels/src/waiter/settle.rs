@@ -25,7 +25,7 @@ pub(super) unsafe fn commit_select_state(
     unsafe {
         match select_state.as_ref().commit(guard) {
             Some(wake_handle) => {
-                *(*node.as_ptr()).wake_handle_mut() = wake_handle;
+                *(*node.as_ptr()).wake_handle_mut() = Some(wake_handle);
                 true
             }
             None => false,
@@ -34,21 +34,6 @@ pub(super) unsafe fn commit_select_state(
 }
 
 impl<T> Waiter<T> {
-    /// Whether [`take_plain_wake_handle`](Self::take_plain_wake_handle) will find a wake handle.
-    ///
-    /// # Safety
-    ///
-    /// As for `take_plain_wake_handle`: `node` is listed, and the lock is held that guards it.
-    #[inline(always)]
-    pub(crate) unsafe fn has_plain_wake_handle(node: NonNull<Waiter<T>>) -> bool {
-        // SAFETY: the node is listed, so its link was written, and no other thread changes the wake
-        // handle while the lock is held.
-        unsafe {
-            let link = Self::link(node);
-            (*link).begun == Begun::Plainly && WakeHandle::is_plain((*link).wait.wake_handle_mut())
-        }
-    }
-
     /// Takes the wake handle of an operation that was listed by [`begin_plain`](Self::begin_plain).
     /// The node is then to be unlisted and settled. `None` for another operation, with no state
     /// changed.

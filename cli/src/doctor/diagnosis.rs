@@ -125,7 +125,7 @@ impl Diagnosis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use luna_platform::facts::Source;
+    use luna_machine::facts::Source;
 
     fn fitness(findings: &[(&str, Part, Verdict)]) -> (Fitness, u8) {
         let findings = findings.iter().map(|&(name, part, verdict)| Finding {

@@ -1,7 +1,7 @@
 //! What is found: one line of a diagnosis, and what makes such a line.
 
 use super::machine::Machine;
-use luna_platform::facts::{Unread, UnreadReason};
+use luna_machine::facts::{Unread, UnreadReason};
 use serde::Serialize;
 
 /// The verdict of a finding.

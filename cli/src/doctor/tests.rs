@@ -8,7 +8,7 @@ use super::finding::{Check, Verdict};
 use super::machine::Machine;
 use super::{checks, look, table};
 use crate::columns::WIDTH;
-use luna_platform::facts::{Source, Unread, UnreadReason};
+use luna_machine::facts::{Source, Unread, UnreadReason};
 use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::PathBuf;

@@ -3,7 +3,7 @@
 #[cfg(not(loom))]
 mod running {
     use crate::biased_lock::{ALONE, BiasedLock};
-    use crate::current::{self, ExecutorGuard as Entered, ExecutorId, PlainTurn};
+    use crate::current::{self, ExecutorGuard as Entered, ExecutorId, Here, PlainTurn};
     use crate::timer_queue::TimerQueue;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -174,15 +174,8 @@ mod running {
         if !earn(&BiasedLock::new(0)) {
             return;
         }
-        let executor = current::executor_number();
-        // SAFETY: this thread is the executor's, and another lock is biased to it.
-        let lock = unsafe { BiasedLock::biased_to(executor, 0) };
-        // SAFETY: this thread is that of the executor with this number.
-        unsafe {
-            *lock
-                .enter_as(executor, luna_platform::inside::Inside::id_of_this_thread())
-                .unwrap() += 1
-        };
+        let lock = BiasedLock::biased_in(Here::now(), 0);
+        *lock.enter_in(Here::now()).unwrap() += 1;
         let done = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -200,13 +193,13 @@ mod running {
 
     #[test]
     fn made_by_an_executor_it_is_biased_and_by_a_plain_thread_it_is_not() {
-        assert!(!BiasedLock::biased_to_this_executor(0).is_biased());
+        assert!(!BiasedLock::biased_in(Here::now(), 0).is_biased());
         let _entered = enter();
         if !earn(&BiasedLock::new(0)) {
-            assert!(!BiasedLock::biased_to_this_executor(0).is_biased());
+            assert!(!BiasedLock::biased_in(Here::now(), 0).is_biased());
             return;
         }
-        let lock = BiasedLock::biased_to_this_executor(0);
+        let lock = BiasedLock::biased_in(Here::now(), 0);
         assert!(lock.is_biased());
         *lock.lock() += 1;
         assert!(lock.is_biased());

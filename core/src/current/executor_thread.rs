@@ -1,5 +1,6 @@
 //! Priority inheritance of executor threads: the boosts by processes of other OS priorities.
 
+use super::inheritance::Counts;
 use crate::path::{self, Call};
 use crate::wait_list::WaitList;
 use alloc::sync::Arc;
@@ -49,34 +50,16 @@ pub(super) struct Boosts {
     own: Scheduling,
     /// The waits of the thread itself, if it is a plain one.
     pub(super) waits: WaitList,
-    counts: [u32; HIGHEST as usize + 1],
-    /// The priorities with a count other than 0, one bit each.
-    ranks: u128,
+    counts: Counts<{ HIGHEST as usize + 1 }>,
     /// The priority that was set for the thread; 0 is its own.
     applied: u8,
     left: bool,
 }
 
 impl Boosts {
-    /// Counts the begin or the end of a boost to `priority`.
-    pub(super) fn count(&mut self, priority: u8, more: bool) {
-        let priority = priority.min(HIGHEST);
-        let count = &mut self.counts[usize::from(priority)];
-        *count = if more {
-            count.saturating_add(1)
-        } else {
-            count.saturating_sub(1)
-        };
-        let bit = 1 << priority;
-        self.ranks = if *count == 0 {
-            self.ranks & !bit
-        } else {
-            self.ranks | bit
-        };
-    }
-
-    fn highest(&self) -> u8 {
-        127_u32.saturating_sub(self.ranks.leading_zeros()) as u8
+    /// Counts the begin or the end of a boost to `priority`. `false`: it was not counted.
+    pub(super) fn count(&mut self, priority: u8, more: bool) -> bool {
+        self.counts.count(priority.min(HIGHEST), more)
     }
 }
 
@@ -101,8 +84,7 @@ impl ExecutorThread {
             boosts: PiLock::new(Boosts {
                 own,
                 waits: WaitList::new(),
-                counts: [0; HIGHEST as usize + 1],
-                ranks: 0,
+                counts: Counts::new(),
                 applied: 0,
                 left: false,
             }),
@@ -182,7 +164,7 @@ impl ExecutorThread {
     }
 
     fn apply(&self, boosts: &mut Boosts) {
-        let mut highest = boosts.highest();
+        let mut highest = boosts.counts.highest();
         self.now.store(highest, Ordering::Relaxed);
         self.is_behind.store(false, Ordering::Relaxed);
         if highest == boosts.applied || boosts.left {
@@ -313,13 +295,13 @@ mod tests {
                 let own = current_policy();
                 let thread = ExecutorThread::new();
                 for more in [true, false] {
-                    thread.change(|boosts| boosts.count(99, more));
+                    thread.change(|boosts| assert!(boosts.count(99, more)));
                     // Without the privilege it is an ordinary thread, which may have been boosted.
                     if own.is_deadline() {
                         assert_eq!(current_policy(), own);
                     }
                 }
-                thread.change(|boosts| boosts.count(50, true));
+                thread.change(|boosts| assert!(boosts.count(50, true)));
                 thread.leave();
                 assert_eq!(current_policy(), own);
             },
@@ -357,7 +339,7 @@ mod tests {
             (60, false, 30),
             (30, false, 0),
         ] {
-            thread.change(|boosts| boosts.count(priority, more));
+            thread.change(|boosts| assert!(boosts.count(priority, more)));
             assert_eq!(thread.boost(), highest);
             let now = current_policy();
             match refused_boosts() {
@@ -371,10 +353,10 @@ mod tests {
                 }
             }
         }
-        thread.change(|boosts| boosts.count(50, true));
+        thread.change(|boosts| assert!(boosts.count(50, true)));
         thread.leave();
         assert_eq!(current_policy(), own);
-        thread.change(|boosts| boosts.count(60, true));
+        thread.change(|boosts| assert!(boosts.count(60, true)));
         assert_eq!(
             current_policy(),
             own,

@@ -1,10 +1,9 @@
 //! The boosts and waits of a process: see [`Inheritor`](super::Inheritor).
 
+use super::LEVELS;
 use super::executor_thread::ExecutorThread;
 use super::inheritor::Boost;
-use super::process::LEVELS;
 use crate::wait_list::WaitList;
-use alloc::boxed::Box;
 use alloc::sync::Arc;
 use core::cell::UnsafeCell;
 use core::ptr;
@@ -14,7 +13,7 @@ pub(super) const LEVEL: u8 = LEVELS - 1;
 
 /// The level that a process runs at: its own, or its highest boost. It lies beside the fields of
 /// each turn.
-pub(super) struct LevelNow {
+pub(crate) struct LevelNow {
     level: AtomicU8,
     /// The boost is the priority of the thread.
     has_thread_boost: AtomicBool,
@@ -26,55 +25,62 @@ pub(super) struct LevelNow {
 ///
 /// `counts` and `waits` are accessed under the lock of `thread` alone. `thread` is null, or owns a
 /// reference to the thread of the process' executor; it is set once, on that thread.
-pub(super) struct Inheritance {
+pub(crate) struct Inheritance {
     /// Set for the first [`Inheritor`](super::Inheritor) of the process, since most have none.
     thread: AtomicPtr<ExecutorThread>,
     /// The waits of the process for objects with a holder: see
     /// [`Inheritor::begin_wait`](super::Inheritor::begin_wait).
     pub(super) waits: UnsafeCell<WaitList>,
-    counts: UnsafeCell<Counts>,
+    /// To each level; as one level more, those of its thread.
+    counts: UnsafeCell<Counts<{ LEVELS as usize + 1 }>>,
 }
 
-/// The number of boosts to each level above its own: lower ones do not raise it, and are not
-/// counted.
-struct Counts {
-    /// The levels with a boost, one bit each.
-    boosts: u32,
-    threads: u16,
-    /// Of the upper half.
-    high: [u16; HALF as usize],
-    /// Of the lower half, for a process with its own level there: most have not. Made with the
-    /// process, since a boost must not allocate.
-    low: Option<Box<[u16; HALF as usize]>>,
+/// How many boosts there are to each rank from 1 to `N - 1`, and the highest of them.
+///
+/// # Invariants
+///
+/// `highest` is the highest rank with a count other than 0, or 0.
+pub(super) struct Counts<const N: usize> {
+    counts: [u16; N],
+    highest: u8,
 }
 
-/// The levels of each half.
-const HALF: u8 = LEVELS / 2;
-
-impl Counts {
-    /// For a process of this own level.
-    #[inline]
-    fn new(own: u8) -> Self {
+impl<const N: usize> Counts<N> {
+    pub(super) const fn new() -> Self {
         Self {
-            boosts: 0,
-            threads: 0,
-            high: [0; HALF as usize],
-            low: (own < HALF - 1).then(|| Box::new([0; HALF as usize])),
+            counts: [0; N],
+            highest: 0,
         }
     }
 
-    /// The count of `level`, if it is above the process' own.
-    fn of(&mut self, level: u8, own: u8) -> Option<&mut u16> {
-        match level {
-            _ if level <= own => None,
-            HALF.. => self.high.get_mut(usize::from(level - HALF)),
-            _ => self.low.as_mut()?.get_mut(usize::from(level)),
+    /// Counts the begin or the end of a boost to `rank`. O(1), or O(N) at the end of the highest.
+    /// `false`: there are too many, and it was not counted.
+    pub(super) fn count(&mut self, rank: u8, more: bool) -> bool {
+        let Some(count) = self.counts.get_mut(usize::from(rank)) else {
+            return false;
+        };
+        let changed = match more {
+            true => count.checked_add(1),
+            false => count.checked_sub(1),
+        };
+        let Some(changed) = changed else {
+            return false;
+        };
+        *count = changed;
+        self.highest = self.highest.max(rank);
+        while self.highest > 0 && self.counts[usize::from(self.highest)] == 0 {
+            self.highest -= 1;
         }
+        true
+    }
+
+    pub(super) fn highest(&self) -> u8 {
+        self.highest
     }
 }
 
 impl LevelNow {
-    pub(super) fn new(own: u8) -> Self {
+    pub(crate) fn new(own: u8) -> Self {
         Self {
             level: AtomicU8::new(own & LEVEL),
             has_thread_boost: AtomicBool::new(false),
@@ -82,13 +88,13 @@ impl LevelNow {
     }
 
     #[inline]
-    pub(super) fn get(&self) -> u8 {
+    pub(crate) fn get(&self) -> u8 {
         self.level.load(Ordering::Relaxed)
     }
 
     /// The priority of the process' thread, which is `own` without a boost.
     #[inline]
-    pub(super) fn thread(&self, own: u8, inheritance: &Inheritance) -> u8 {
+    pub(crate) fn thread(&self, own: u8, inheritance: &Inheritance) -> u8 {
         if !self.has_thread_boost.load(Ordering::Relaxed) {
             return own;
         }
@@ -108,13 +114,12 @@ impl Drop for Inheritance {
 }
 
 impl Inheritance {
-    /// Of a process at level `own`. Allocates, if that is in the lower half.
     #[inline]
-    pub(super) fn new(own: u8) -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             thread: AtomicPtr::new(ptr::null_mut()),
             waits: UnsafeCell::new(WaitList::new()),
-            counts: UnsafeCell::new(Counts::new(own & LEVEL)),
+            counts: UnsafeCell::new(Counts::new()),
         }
     }
 
@@ -153,46 +158,20 @@ impl Inheritance {
     /// # Safety
     ///
     /// The lock of the executor's boosts is held.
-    pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, boost: Boost, more: bool) -> bool {
+    pub(crate) unsafe fn count(&self, now: &LevelNow, own: u8, boost: Boost, more: bool) -> bool {
+        let level = match boost {
+            Boost::Nothing => return false,
+            Boost::Level(level) => level & LEVEL,
+            Boost::Thread(_) => LEVELS,
+        };
         // SAFETY: the caller holds the lock of the executor's boosts, which guards the counts.
         let counts = unsafe { &mut *self.counts.get() };
-        let own = own & LEVEL;
-        let count = match boost {
-            Boost::Nothing => return false,
-            Boost::Level(level) => match counts.of(level & LEVEL, own) {
-                Some(count) => count,
-                // Its own level is at least that.
-                None => return true,
-            },
-            Boost::Thread(_) => &mut counts.threads,
-        };
-        let changed = if more {
-            count.checked_add(1)
-        } else {
-            count.checked_sub(1)
-        };
-        let Some(changed) = changed else {
-            return false;
-        };
-        *count = changed;
-        if let Boost::Level(level) = boost {
-            let bit = 1 << (level & LEVEL);
-            counts.boosts = if changed == 0 {
-                counts.boosts & !bit
-            } else {
-                counts.boosts | bit
-            };
-        }
-        let has_thread_boost = counts.threads > 0;
-        let highest = match has_thread_boost {
-            true => LEVEL,
-            // 0 without a boost, which is no more than its own.
-            false => own.max(31_u32.saturating_sub(counts.boosts.leading_zeros()) as u8),
-        };
-        now.level.store(highest, Ordering::Relaxed);
+        let is_counted = counts.count(level, more);
+        let highest = counts.highest().max(own & LEVEL);
+        now.level.store(highest.min(LEVEL), Ordering::Relaxed);
         now.has_thread_boost
-            .store(has_thread_boost, Ordering::Relaxed);
-        true
+            .store(highest == LEVELS, Ordering::Relaxed);
+        is_counted
     }
 }
 
@@ -203,8 +182,8 @@ mod tests {
     /// Compared with a list of all boosts.
     #[test]
     fn it_runs_at_its_highest_boost_or_its_own_level() {
-        for own in [0, 7, HALF - 2, HALF - 1, HALF, LEVEL - 1, LEVEL] {
-            let (now, inheritance) = (LevelNow::new(own), Inheritance::new(own));
+        for own in [0, 7, 16, LEVEL - 1, LEVEL] {
+            let (now, inheritance) = (LevelNow::new(own), Inheritance::new());
             let mut boosts: Vec<u8> = Vec::new();
             let mut state = 1_u64;
             for _ in 0..4000 {

@@ -10,14 +10,14 @@
 //! thread can be one. The waits of a process are listed with it, so that a priority can be passed
 //! on along a chain of holders. Only the code that lists a wait knows what the chain consists of.
 //!
-//! Boosts begin and end in any order and on any thread, so they are counted: O(1) each, under the
-//! lock of the process' executor.
+//! Boosts begin and end in any order and on any thread, so they are counted by their ranks, under
+//! the lock of the process' executor. A list of the boosts would have to lie in the inheritors; but
+//! these move with what holds them, for instance with an accepted call.
 
 use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
-use super::process::{Priority, QueueEnd};
 use super::wake_handle::Reference;
-use super::{Here, PlainTurn, executor_id, process};
+use super::{Here, PlainTurn, Priority, QueueEnd, executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
 use alloc::sync::Arc;
 use core::cmp::Ordering;
@@ -26,7 +26,7 @@ use core::ptr::NonNull;
 
 /// The boost of an inheritor; a greater one raises it further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Boost {
+pub(crate) enum Boost {
     Nothing,
     Level(u8),
     Thread(u8),
@@ -87,7 +87,7 @@ impl Inheritor {
         if let To::Process(reference) = &inheritor.to
             && inheritor.boost == Boost::Nothing
             && reference.process().executor_number() == here.executor_number()
-            && reference.process().references.remove_unless_ended()
+            && reference.process().remove_unless_ended()
         {
             // SAFETY: it was counted off, so what lies there is overwritten, not dropped.
             unsafe { core::ptr::write(place, None) };
@@ -271,15 +271,21 @@ impl Inheritor {
     ///
     /// `state` is that of the executor, and its lock is held.
     unsafe fn count(&self, state: &mut Boosts, boost: Boost, more: bool) -> bool {
-        let counted = match &self.to {
+        let count_process = |more| match &self.to {
             // SAFETY: the caller holds the lock of the executor, which guards the counts.
             To::Process(reference) => unsafe { reference.process().count_boost(boost, more) },
             To::Thread(_) => boost != Boost::Nothing,
         };
-        if let (true, Boost::Thread(priority)) = (counted, boost) {
-            state.count(priority, more);
+        if !count_process(more) {
+            return false;
         }
-        counted
+        if let Boost::Thread(priority) = boost
+            && !state.count(priority, more)
+        {
+            count_process(!more);
+            return false;
+        }
+        true
     }
 
     /// Lets a ready process run at its new boost: it may be queued at a lower level. A waiting
@@ -376,7 +382,7 @@ impl fmt::Debug for Inheritor {
 
 #[cfg(all(test, not(loom)))]
 mod tests {
-    use super::super::{ExecutorId, Lone, ProcessId, enter_executor, priority, with_process};
+    use super::super::{Alone, ExecutorId, ProcessId, enter_executor, priority, with_process};
     use super::*;
     use crate::timer_queue::TimerQueue;
     use core::task::Waker;
@@ -389,7 +395,7 @@ mod tests {
             luna_platform::sync::Arc::new(TimerQueue::new()),
             true,
         );
-        let process = Lone::new(ProcessId::new(), 0, level, Waker::noop().clone(), 0..0);
+        let process = Alone::new(ProcessId::new(), 0, level, Waker::noop().clone());
         // SAFETY: this thread is the executor's, and the process is alive.
         unsafe { with_process(&process, f) };
     }

@@ -5,7 +5,7 @@ use crate::socket;
 use crate::timer;
 use luna::Instant;
 use luna::external::FileError;
-use luna_platform::file;
+use luna_machine::file;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::fs::File;
 use std::future::{Future, poll_fn};

@@ -6,8 +6,8 @@
 use super::error::{LinkError, OsError};
 use luna_channels::{ChannelEnd, Ended};
 use luna_core::{FileError, readable, writable, yield_now};
+use luna_machine::file;
 use luna_platform::clock::Instant;
-use luna_platform::file;
 use luna_platform::reactor::ReactorError;
 use std::fs::File;
 use std::future::{Future, pending, poll_fn};

@@ -6,7 +6,7 @@ use crate::memory::{Memory, Side, Words};
 use crate::name::Name;
 use crate::owned::{self, Access, Kind};
 use crate::{IpcError, Role};
-use luna_platform::file;
+use luna_machine::file;
 use nix::sys::stat::Mode;
 use nix::unistd::mkfifo;
 use std::fs::{self, File};

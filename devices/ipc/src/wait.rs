@@ -3,7 +3,7 @@
 use crate::IpcError;
 use crate::session::Session;
 use luna::external::FileReady;
-use luna_platform::file;
+use luna_machine::file;
 use std::future::{Future, poll_fn};
 use std::io::ErrorKind;
 use std::pin::Pin;

@@ -26,7 +26,7 @@
 
 use crate::Transport;
 use luna::devices::{Device, DeviceError, DeviceManager, Node, Sharing};
-use luna_platform::file;
+use luna_machine::file;
 pub use serial2::{CharSize, FlowControl, Parity, StopBits};
 use std::fs::File;
 use std::io;

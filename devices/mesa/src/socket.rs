@@ -2,7 +2,7 @@
 
 use luna::Instant;
 use luna::external::FileError;
-use luna_platform::file;
+use luna_machine::file;
 use std::fs::File;
 use std::future::{Future, poll_fn};
 use std::io::{self, ErrorKind};

@@ -47,7 +47,7 @@ impl Foxglove {
         let runtime = Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("luna-foxglove")
-            .on_thread_start(luna_platform::signals::refuse_write_signals_here)
+            .on_thread_start(luna_machine::signals::refuse_write_signals_here)
             .enable_all()
             .build()?;
         // Of its own, so that another user of the library in this program is not mixed in.

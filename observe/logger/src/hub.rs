@@ -55,7 +55,7 @@ pub struct Hub {
 /// What a recording needs that has begun.
 pub(crate) struct Begun {
     #[cfg(feature = "events")]
-    pub(crate) names: Option<Arc<luna_core::events::Names>>,
+    pub(crate) names: Option<Arc<luna_events::Names>>,
 }
 
 /// What time stamps are read from.
@@ -206,7 +206,7 @@ impl Hub {
         #[cfg(feature = "events")]
         if is_new {
             // They were another's.
-            luna_core::events::detach();
+            luna_events::detach();
         }
         if is_new && self.is_recording() {
             lane::prepare(self);

@@ -4,7 +4,7 @@ use crate::format::Level;
 use crate::hub::Hub;
 use crate::lane::{self, Head, MAX_WORDS};
 use luna_core::current;
-use luna_platform::signals;
+use luna_machine::signals;
 use std::fmt::{self, Write};
 use std::io::{self, Write as _};
 

@@ -1,6 +1,6 @@
 //! The logger's own threads. None of them is on the real-time path.
 
-use luna_platform::signals;
+use luna_machine::signals;
 use luna_platform::thread::{Attributes, Policy, SpawnError, Thread, spawn};
 use std::convert::Infallible;
 use std::io;

@@ -209,7 +209,7 @@ impl Scope {
                 let shared = shared.clone();
                 move || {
                     // The threads of its viewers inherit that.
-                    luna_platform::signals::refuse_write_signals_here();
+                    luna_machine::signals::refuse_write_signals_here();
                     server::accept(&listener, &shared);
                 }
             })?;

@@ -23,14 +23,6 @@ impl Inside {
     }
 
     /// The owner enters.
-    #[inline(always)]
-    pub fn enter(&self) {
-        self.assert_not_here();
-        critical::enter();
-        self.0.store(true, Ordering::Relaxed);
-    }
-
-    /// As [`enter`](Self::enter), without a check.
     ///
     /// # Safety
     ///

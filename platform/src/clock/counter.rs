@@ -2,7 +2,6 @@
 //! virtual counter of 64-bit Arm.
 
 use super::Instant;
-use crate::facts::Source;
 use std::sync::OnceLock;
 
 /// The time-stamp counter of the processor: read in half the time that [`Instant::now`] takes, in
@@ -97,8 +96,12 @@ impl Counter {
 fn is_kept() -> bool {
     // The kernel takes it only if it is invariant and the cores agree, and leaves it when they do
     // no longer.
-    let source = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
-    KEPT_BY.is_some_and(|name| Source::machine().word(source).as_deref() == Ok(name))
+    KEPT_BY.is_some() && clock_of_kernel().as_deref().map(str::trim) == KEPT_BY
+}
+
+/// The kernel's clock; `None` if it cannot be read.
+fn clock_of_kernel() -> Option<String> {
+    std::fs::read_to_string("/sys/devices/system/clocksource/clocksource0/current_clocksource").ok()
 }
 
 /// The kernel's name for the clock that reads the counter of this processor.
@@ -116,10 +119,9 @@ mod tests {
 
     #[test]
     fn the_kernel_that_keeps_time_by_the_counter_offers_it() {
-        let source = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
-        let clock = Source::machine().word(source).unwrap_or_default();
+        let clock = clock_of_kernel().unwrap_or_default();
         let is_known = matches!(
-            (std::env::consts::ARCH, &*clock),
+            (std::env::consts::ARCH, clock.trim()),
             ("x86_64", "tsc") | ("aarch64", "arch_sys_counter")
         );
         assert_eq!(Counter::of_machine().is_some(), is_known, "{clock}");

@@ -3,14 +3,10 @@
 #[cfg(all(feature = "std", not(loom)))]
 mod counter;
 mod source;
-#[cfg(all(feature = "std", not(loom)))]
-mod tai;
 
 #[cfg(all(feature = "std", not(loom)))]
 pub use counter::Counter;
 pub use source::{Clock, VirtualClock};
-#[cfg(all(feature = "std", not(loom)))]
-pub use tai::{Synchronization, tai_nanos};
 
 use core::fmt;
 use core::ops::{Add, AddAssign, Sub};
@@ -130,6 +126,21 @@ impl fmt::Debug for Instant {
             self.0 % 1_000_000_000
         )
     }
+}
+
+/// How long the calling thread has had a processor since it began; `None` where the system does not
+/// report it. One system call that never waits, and no allocation.
+///
+/// ```
+/// use luna_platform::clock::processor_time;
+///
+/// if let Some(before) = processor_time() {
+///     while processor_time() == Some(before) {}
+/// }
+/// ```
+#[cfg(all(feature = "std", not(loom)))]
+pub fn processor_time() -> Option<Duration> {
+    crate::backend::clock::processor_time()
 }
 
 /// A duration as whole nanoseconds, saturating after 584 years.

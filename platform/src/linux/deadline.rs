@@ -2,10 +2,9 @@
 
 use super::privileges;
 use super::thread::{available_cores, current_policy};
-use crate::facts::parse::write_core_list;
 use crate::facts::task::CAP_SYS_NICE;
 use crate::shortfall::PolicyRefusal;
-use crate::thread::Policy;
+use crate::thread::{Policy, write_core_list};
 use nix::errno::Errno;
 use std::fs;
 
@@ -72,7 +71,7 @@ fn zeroed() -> libc::sched_attr {
 
 /// Determines the kernel's reason for `EPERM`. A limit on priorities does not matter here.
 fn why_not_permitted() -> PolicyRefusal {
-    match privileges::effective(CAP_SYS_NICE) {
+    match privileges::has_capability(CAP_SYS_NICE) {
         Some(true) if privileges::in_a_user_namespace() => PolicyRefusal::UserNamespace,
         // The process is permitted: so its cores are too few.
         Some(true) => PolicyRefusal::NotAllCores {

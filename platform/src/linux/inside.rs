@@ -8,7 +8,7 @@
 //! If the word is not 0, the waiting thread has got it already. A wait that begins after the store
 //! finds 0, and does not wait.
 
-use super::lock::{futex_pi, known_thread_id, lock_pi, thread_id};
+use super::lock::{futex_pi, lock_pi, thread_id};
 use std::hint::spin_loop;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -36,27 +36,12 @@ impl Inside {
         self.word.load(Ordering::Relaxed) != 0
     }
 
-    /// The thread of the owner enters.
-    #[inline(always)]
-    pub fn enter(&self) {
-        let me = known_thread_id();
-        if self.word.load(Ordering::Relaxed) != 0 {
-            entered_twice();
-        }
-        // The id is not requested here: otherwise the fast path would have to keep all its
-        // registers across a call, each time.
-        if me == 0 {
-            unknown();
-        }
-        self.word.store(me, Ordering::Relaxed);
-    }
-
     /// What the calling thread writes when it enters. A system call at its first lock.
     pub fn id_of_this_thread() -> u32 {
         thread_id()
     }
 
-    /// As [`enter`](Self::enter), without a check.
+    /// The thread of the owner enters.
     ///
     /// # Safety
     ///
@@ -115,10 +100,4 @@ impl Inside {
 #[inline(never)]
 fn entered_twice() -> ! {
     panic!("a thread locked a lock that it holds already")
-}
-
-#[cold]
-#[inline(never)]
-fn unknown() -> ! {
-    panic!("a thread that has never locked owns the bias of a lock")
 }

@@ -210,13 +210,6 @@ pub(super) fn thread_id() -> u32 {
     })
 }
 
-/// The id if it was read already, else 0: for threads that have locked before, as every thread that
-/// becomes an executor has.
-#[inline(always)]
-pub(super) fn known_thread_id() -> u32 {
-    THREAD_ID.get()
-}
-
 impl<T> Drop for PiGuard<'_, T> {
     #[inline]
     fn drop(&mut self) {

@@ -8,7 +8,7 @@ use std::fs;
 
 /// Whether the calling thread has the capability of this bit in effect; `None` if the kernel does not
 /// tell. One system call, which needs no file: a process that has too many open is no plain user.
-pub(super) fn effective(capability: u32) -> Option<bool> {
+pub fn has_capability(capability: u32) -> Option<bool> {
     /// `struct __user_cap_header_struct`.
     #[repr(C)]
     struct Head {

@@ -3,11 +3,13 @@
 pub use super::alternate_stack::HandlerStack;
 use super::deadline;
 use super::privileges;
-use crate::facts::parse::{core_list, write_core_list};
+pub use super::privileges::has_capability;
 use crate::facts::task::CAP_SYS_NICE;
 use crate::on_drop::OnDrop;
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
-use crate::thread::{Attributes, EMERGENCY_PRIORITY, Obtained, Policy, TIMER_PRIORITY};
+use crate::thread::{
+    Attributes, EMERGENCY_PRIORITY, Obtained, Policy, TIMER_PRIORITY, core_list, write_core_list,
+};
 use nix::errno::Errno;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::prctl;
@@ -78,7 +80,7 @@ pub fn current_policy() -> Policy {
 
 /// What the process may have by its capabilities and its limit.
 pub fn highest_priority() -> u8 {
-    if privileges::effective(CAP_SYS_NICE) == Some(true) {
+    if has_capability(CAP_SYS_NICE) == Some(true) {
         return EMERGENCY_PRIORITY;
     }
     let limit = getrlimit(Resource::RLIMIT_RTPRIO).map_or(0, |(soft, _)| soft);
@@ -303,7 +305,7 @@ pub(super) fn why_no_policy(asked: Policy) -> PolicyRefusal {
     let limit = getrlimit(Resource::RLIMIT_RTPRIO)
         .ok()
         .map(|(soft, _)| soft);
-    let capable = privileges::effective(CAP_SYS_NICE) == Some(true);
+    let capable = has_capability(CAP_SYS_NICE) == Some(true);
     if capable && privileges::in_a_user_namespace() {
         return PolicyRefusal::UserNamespace;
     }

@@ -1,7 +1,5 @@
-use crate::clock::Synchronization;
-use std::io::{ErrorKind, Result};
 use std::sync::OnceLock;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Nanoseconds since the first call, from `std::time::Instant`.
 #[inline]
@@ -14,12 +12,7 @@ pub(crate) fn monotonic_nanos() -> u64 {
         .saturating_add(1_000_000_000)
 }
 
-/// The standard library knows no TAI.
-pub fn tai_nanos() -> Result<u64> {
-    Err(ErrorKind::Unsupported.into())
-}
-
-/// The standard library knows nothing of it.
-pub(crate) fn synchronization() -> Result<Synchronization> {
-    Err(ErrorKind::Unsupported.into())
+/// The standard library does not report it.
+pub(crate) fn processor_time() -> Option<Duration> {
+    None
 }

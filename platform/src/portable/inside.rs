@@ -16,9 +16,6 @@ impl Inside {
     }
 
     /// The owner enters.
-    pub fn enter(&self) {}
-
-    /// As [`enter`](Self::enter), without a check.
     ///
     /// # Safety
     ///

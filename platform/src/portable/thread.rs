@@ -81,3 +81,8 @@ pub fn current_core() -> Option<usize> {
 pub fn available_cores() -> Vec<usize> {
     (0..std::thread::available_parallelism().map_or(1, usize::from)).collect()
 }
+
+/// The standard library knows no capabilities.
+pub fn has_capability(_bit: u32) -> Option<bool> {
+    None
+}

@@ -24,12 +24,14 @@
 //! make a thread.
 
 mod attributes;
+mod cores;
 mod policy;
 
 pub use attributes::{
     AttributeError, Attributes, DEFAULT_STACK_SIZE, MAXIMUM_STACK_SIZE, MINIMUM_STACK_SIZE, Mode,
     Obtained,
 };
+pub use cores::{core_list, write_core_list};
 pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError, TIMER_PRIORITY};
 
 pub use crate::backend::thread::HandlerStack;
@@ -180,6 +182,19 @@ pub use backend::current_policy;
 /// ```
 pub use backend::highest_priority;
 
+/// Whether the calling thread has the capability of this bit in effect; `None` if the system does not
+/// tell. One system call, which needs no file.
+///
+/// ```
+/// use luna_platform::thread::{has_capability, highest_priority};
+///
+/// const CAP_SYS_NICE: u32 = 23;
+/// if has_capability(CAP_SYS_NICE) == Some(true) {
+///     assert_eq!(highest_priority(), 99);
+/// }
+/// ```
+pub use backend::has_capability;
+
 /// The core that the calling thread runs on at this moment, if the system reports it. No system
 /// call with a vDSO.
 pub use backend::current_core;
@@ -202,7 +217,8 @@ pub use backend::available_cores;
 pub struct ThreadNumber(i32);
 
 impl ThreadNumber {
-    pub(crate) fn get(self) -> i32 {
+    /// As the system writes it; 0 if it has none.
+    pub fn get(self) -> i32 {
         self.0
     }
 }

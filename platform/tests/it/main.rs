@@ -5,7 +5,6 @@
 mod shared;
 
 mod deadline;
-mod memory_and_latency;
 mod pi_lock;
 mod reactor;
 mod thread;

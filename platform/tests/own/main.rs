@@ -6,4 +6,3 @@
 mod shared;
 
 mod deadline_on_few_cores;
-mod signals;

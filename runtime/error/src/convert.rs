@@ -9,8 +9,8 @@ use luna_config::deployment::DeploymentError;
 use luna_core::Nested;
 #[cfg(unix)]
 use luna_external::WireStop;
-use luna_platform::memory::HeapError;
-use luna_platform::signals::SignalError;
+use luna_machine::memory::HeapError;
+use luna_machine::signals::SignalError;
 use luna_platform::thread::{AttributeError, SpawnError};
 use std::convert::Infallible;
 

@@ -100,12 +100,6 @@ enum Logs {
 }
 
 impl ReplayLogs {
-    /// Whether processes have replay logs.
-    #[inline]
-    pub fn are_there(&self) -> bool {
-        !matches!(self.0, Logs::None)
-    }
-
     /// Gives the process its replay log.
     #[cold]
     pub fn give_log(&self, spec: ProcessSpec) -> ProcessSpec {

@@ -8,7 +8,8 @@
 
 use super::OF_THREAD;
 use crate::safety::state::Cause;
-use luna_platform::{forked, panics};
+use luna_machine::forked;
+use luna_platform::panics;
 use std::cell::Cell;
 use std::panic::{set_hook, take_hook};
 use std::sync::atomic::{AtomicBool, Ordering};

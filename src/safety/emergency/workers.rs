@@ -6,7 +6,7 @@
 //! | leaves behind a worker that hangs | any other on duty | [`functions`](super::functions) |
 //! | keeper: takes signals from the emergency's end to the run's | the first that finds the end | [`member`] |
 //! | on duty: sleeps until there is an event, such as a signal | two, then more | [`member`] |
-//! | in reserve: takes over a core, or the place of one that hangs | the rest | [`reserve`] |
+//! | in reserve: takes over a core, or the place of one that hangs | the rest | [`member`] |
 //! | wakes the watcher when a function may have taken too long | none: the kernel | here |
 //! | start and end | the one in `System::run` | [`threads`] |
 //!
@@ -19,17 +19,16 @@
 //! duty.
 
 mod member;
-mod reserve;
 mod threads;
 
 use super::Emergency;
 use luna_core::park::Parker;
-use luna_platform::alarm::EventAlarm;
+use luna_machine::alarm::EventAlarm;
+use luna_machine::crash::{CrashSlot, MAX_MEMBERS};
+use luna_machine::facts::{PreemptionModel, Source};
+use luna_machine::signals;
 use luna_platform::clock::Instant;
-use luna_platform::crash::{CrashSlot, MAX_MEMBERS};
-use luna_platform::facts::{PreemptionModel, Source};
 use luna_platform::lock::PiLock;
-use luna_platform::signals;
 use luna_platform::thread::{self, Policy, ThreadNumber};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};

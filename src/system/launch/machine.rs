@@ -2,8 +2,8 @@
 
 use super::super::plan::{Placement, ProcessPlan, Settings};
 use crate::error::{Result, SetupError};
-use luna_platform::latency::DmaLatency;
-use luna_platform::memory::{self, MemoryLock};
+use luna_machine::latency::DmaLatency;
+use luna_machine::memory::{self, MemoryLock};
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{Attributes, Mode, Policy};
 

@@ -3,8 +3,8 @@
 
 use crate::error::{Error, Result, SetupError};
 use crate::safety::Emergency;
+use luna_machine::signals;
 use luna_platform::clock::Instant;
-use luna_platform::signals;
 use luna_platform::thread::{self, Attributes, Policy, SpawnError};
 use std::convert::Infallible;
 use std::panic::resume_unwind;

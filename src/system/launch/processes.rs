@@ -5,7 +5,7 @@ use super::super::plan::{
     Member, NamedThread, NotStarted, Placement, Plan, ProcessPlan, Running, Started,
 };
 use crate::csp::composition::ThreadPart;
-use crate::csp::process::{clean_up, prepare};
+use crate::csp::process::clean_up;
 use crate::error::{Error, Result};
 use luna_core::Executor;
 use luna_core::current::ProcessId;
@@ -67,17 +67,12 @@ pub(super) fn start_processes(
 
 /// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
 fn pre_run_all(running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
-    // Loops that are made there are the system's.
-    let _scope = running.common.scope.clone().enter_until_dropped(true);
     for index in 0..processes.len() {
         let process = &mut processes[index];
         let Some(resident) = &mut process.prepared.resident else {
             continue;
         };
-        let log = running.common.log.enter();
-        let prepared = prepare(&mut **resident);
-        drop(log);
-        if let Err(error) = prepared {
+        if let Err(error) = running.common.prepare(&mut **resident) {
             let error = error.in_process(process.name());
             for earlier in processes[..index].iter_mut().rev() {
                 clean_up(earlier.prepared.resident.take());
@@ -140,6 +135,6 @@ impl Held {
         self.members
             .into_iter()
             .rev()
-            .for_each(|(_, mut member)| drop(clean_up(member.take_resident())));
+            .for_each(|(_, mut member)| drop(clean_up(member.resident.take())));
     }
 }

@@ -6,9 +6,9 @@
 //! processor inside of its call, where it has taken the waiting thread off the futex and has not
 //! readied it yet: the kernel readies it when the lower waker runs again.
 
+use luna_machine::memory::lock_memory;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
-use luna_platform::memory::lock_memory;
 use luna_platform::thread::{Attributes, Mode, Policy, Thread, spawn};
 use std::convert::Infallible;
 use std::sync::Arc;

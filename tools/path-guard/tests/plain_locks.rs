@@ -5,10 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The libraries' sources. The modelled and the portable platform make no real-time claim.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 10] = [
     "platform/src",
     "core/src",
     "channels/src",
+    "machine/src",
     "runtime/replay/src",
     "runtime/config/src",
     "runtime/error/src",
@@ -16,7 +17,11 @@ const SOURCES: [&str; 9] = [
     "devices/manager/src",
     "src",
 ];
-const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
+const WITHOUT_CLAIM: [&str; 3] = [
+    "platform/src/model",
+    "platform/src/portable",
+    "machine/src/portable",
+];
 
 /// Files in which these words mean the framework's own locks.
 const OWN: [&str; 4] = [
@@ -48,15 +53,19 @@ const KNOWN: [(&str, &str); 16] = [
         "on a virtual clock nothing is real time",
     ),
     (
-        "platform/src/crash.rs",
+        "devices/manager/src/manager.rs",
+        "devices are opened at set-up, and closed where the path is left",
+    ),
+    (
+        "machine/src/crash.rs",
         "watches are installed before the start and removed after the end; the handler takes no lock",
     ),
     (
-        "platform/src/memory.rs",
+        "machine/src/memory.rs",
         "memory is locked before the start and unlocked after the end",
     ),
     (
-        "platform/src/signals.rs",
+        "machine/src/signals.rs",
         "watches are installed before the start and removed after the end",
     ),
     (
@@ -66,10 +75,6 @@ const KNOWN: [(&str, &str); 16] = [
     (
         "runtime/config/src/deployment/mod.rs",
         "the file is matched while the system is set up; a loop's period has no lock",
-    ),
-    (
-        "devices/manager/src/manager.rs",
-        "devices are opened at set-up, and closed where the path is left",
     ),
     (
         "runtime/config/src/parameters/store/mod.rs",

@@ -2,11 +2,12 @@
 
 use crate::core::Channel;
 use crate::error::RecvError;
-use crate::select_state::SelectState;
+use crate::select_state::{Opening, SelectState};
 use crate::waiter::Waiter;
 use alloc::boxed::Box;
 use core::marker::PhantomData;
 use core::ptr::{self, NonNull};
+use luna_core::biased_lock::InsideGuard;
 use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 
@@ -211,6 +212,7 @@ impl<T> Entry<T> {
     #[inline(always)]
     pub(crate) unsafe fn commit_or_announce(
         entry: NonNull<Entry<T>>,
+        opening: &mut InsideGuard<'_, Opening>,
     ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
@@ -231,7 +233,7 @@ impl<T> Entry<T> {
                 return None;
             }
             let (_, index) = Waiter::guard_of(node);
-            hub.select_state.commit_plainly(index).map(Some)
+            hub.select_state.commit_plainly(opening, index).map(Some)
         }
     }
 

@@ -28,12 +28,10 @@ impl<T> Alternative<'_, T> {
         }
         if self.hub().has_news() {
             let hub = self.hub();
-            // SAFETY: no thread holds a commit lock across a poll, and this one has not entered it
-            // yet. Then it is held.
-            let taken = unsafe {
-                let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
-                hub.take_stack()
-            };
+            let commit_lock = hub.select_state.commit_lock_if_biased(turn.here())?;
+            // SAFETY: the commit lock is held.
+            let taken = unsafe { hub.take_stack() };
+            drop(commit_lock);
             self.note_ready(taken);
         }
         let Some(index) = self.ready.first() else {
@@ -70,16 +68,12 @@ impl<T> Alternative<'_, T> {
         cx: &Context<'_>,
     ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
         let hub = self.hub();
-        // SAFETY: no thread holds a commit lock across a poll, and this one has not entered it yet.
-        // Then the select state is closed, and this is its owner, with the commit lock, which is
-        // biased to this executor.
-        unsafe {
-            let _commit_lock = hub.select_state.commit_lock_if_biased(turn)?;
-            if hub.has_news() {
-                return None;
-            }
-            hub.select_state.open_plainly(turn);
+        let mut opening = hub.select_state.commit_lock_if_biased(turn.here())?;
+        if hub.has_news() {
+            return None;
         }
+        hub.select_state.open_plainly(&mut opening, turn);
+        drop(opening);
         self.polled_by = (cx.waker().data(), cx.waker().vtable());
         self.state = State::Open;
         Some(Poll::Pending)

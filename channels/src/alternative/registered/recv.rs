@@ -150,18 +150,16 @@ impl<T> Alternative<'_, T> {
             // Cloning a waker is its owner's code, so it comes before the commit lock.
             let wake_handle = WakeHandle::of(cx);
             let hub = self.hub();
-            let commit_lock = hub.select_state.commit_lock();
+            let mut opening = hub.select_state.commit_lock();
             if !hub.has_news() {
-                // SAFETY: this is the owner, the select state is closed, and its commit lock is
-                // held.
-                unsafe { hub.select_state.open_with_lock(wake_handle) };
-                drop(commit_lock);
+                hub.select_state.open_again(&mut opening, wake_handle);
+                drop(opening);
                 self.state = State::Open;
                 return Poll::Pending;
             }
             // A channel became ready meanwhile. Each channel can report so once, and the next look
             // sees all that reported before it.
-            drop(commit_lock);
+            drop(opening);
             drop(wake_handle);
         }
     }

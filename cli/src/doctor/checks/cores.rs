@@ -3,8 +3,8 @@
 use crate::doctor::facts::interrupts::core_mask;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
-use luna_platform::facts::Unread;
-use luna_platform::facts::parse::{core_list, write_core_list};
+use luna_machine::facts::Unread;
+use luna_machine::facts::parse::{core_list, write_core_list};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -6,9 +6,9 @@ use crate::doctor::facts::interrupts::{core_mask, interrupts};
 use crate::doctor::facts::task::scheduling;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna_platform::facts::parse::{core_list, write_core_list};
-use luna_platform::facts::task::field;
-use luna_platform::facts::{PreemptionModel, Unread, UnreadReason};
+use luna_machine::facts::parse::{core_list, write_core_list};
+use luna_machine::facts::task::field;
+use luna_machine::facts::{PreemptionModel, Unread, UnreadReason};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -3,7 +3,7 @@
 use crate::doctor::facts::{command_line, config};
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna_platform::facts::{PreemptionModel, Unread};
+use luna_machine::facts::{PreemptionModel, Unread};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -4,7 +4,7 @@ use super::better_off;
 use super::permissions::can_lock_memory;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna_platform::facts::Unread;
+use luna_machine::facts::Unread;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

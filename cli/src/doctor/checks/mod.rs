@@ -18,7 +18,7 @@ pub(crate) use virtual_machine::steal_seen;
 use super::facts::number;
 use super::finding::{Check, Seen};
 use super::machine::{Machine, missing_is};
-use luna_platform::facts::Unread;
+use luna_machine::facts::Unread;
 
 /// All of them, in the order in which they are shown.
 pub(crate) fn all() -> impl Iterator<Item = &'static Check> {

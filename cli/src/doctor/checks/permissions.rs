@@ -5,8 +5,8 @@ use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna::Policy;
 use luna::report::Shortfall;
-use luna_platform::facts::Unread;
-use luna_platform::facts::task::{
+use luna_machine::facts::Unread;
+use luna_machine::facts::task::{
     CAP_IPC_LOCK, CAP_SYS_NICE, has_capability, is_first_user_namespace,
 };
 use luna_platform::shortfall::{Means, MemoryRefusal, PolicyRefusal};

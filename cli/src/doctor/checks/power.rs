@@ -4,7 +4,7 @@ use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna::report::Shortfall;
-use luna_platform::facts::{Source, Unread, UnreadReason};
+use luna_machine::facts::{Source, Unread, UnreadReason};
 use luna_platform::shortfall::LatencyRefusal;
 
 pub(super) const CHECKS: &[Check] = &[

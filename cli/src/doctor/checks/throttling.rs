@@ -4,8 +4,8 @@ use super::better_off;
 use crate::doctor::facts::{command_line, number};
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
-use luna_platform::facts::control_group::{file, group_one, group_two, mount_of_one, mount_of_two};
-use luna_platform::facts::{Unread, UnreadReason};
+use luna_machine::facts::control_group::{file, group_one, group_two, mount_of_one, mount_of_two};
+use luna_machine::facts::{Unread, UnreadReason};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

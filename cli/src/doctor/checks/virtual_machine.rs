@@ -3,7 +3,7 @@
 use crate::doctor::facts::cpu_time::cpu_time;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
-use luna_platform::facts::Unread;
+use luna_machine::facts::Unread;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -4,8 +4,8 @@ use super::better_off;
 use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
-use luna_platform::facts::Unread;
-use luna_platform::facts::parse::core_list;
+use luna_machine::facts::Unread;
+use luna_platform::thread::core_list;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -1,6 +1,6 @@
 //! The kernel's configuration, as distributions leave it in `/boot/config-RELEASE`.
 
-use luna_platform::facts::{PreemptionModel, Source, Unread, UnreadReason};
+use luna_machine::facts::{PreemptionModel, Source, Unread, UnreadReason};
 
 /// The configuration of the running kernel, packed by gzip, where it has one
 /// (`CONFIG_IKCONFIG_PROC`).

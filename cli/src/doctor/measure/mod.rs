@@ -9,9 +9,9 @@ mod wake_up;
 
 use super::finding::{Finding, Part, Seen, Times};
 use super::machine::Machine;
-use luna_platform::facts::parse::{core_list, write_core_list};
-use luna_platform::latency::DmaLatency;
-use luna_platform::memory;
+use luna_machine::facts::parse::{core_list, write_core_list};
+use luna_machine::latency::DmaLatency;
+use luna_machine::memory;
 use std::time::Duration;
 
 /// What a measurement gives: times in nanoseconds, unsorted, and the policy under which they were

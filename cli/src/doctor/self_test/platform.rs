@@ -3,8 +3,8 @@
 use super::{Outcome, Test, Trouble, ensure, same};
 use crate::doctor::facts::task;
 use luna::Policy;
+use luna_machine::facts::Source;
 use luna_platform::clock::Instant;
-use luna_platform::facts::Source;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{Attributes, Mode, SpawnError, current_policy, spawn};

@@ -49,14 +49,14 @@ fn serve(network: &Network, socket: &File) -> io::Result<()> {
         return Ok(());
     }
     let mut bytes = [0; MAX_FRAME];
-    let length = match luna_platform::file::read(socket, &mut bytes) {
+    let length = match luna_machine::file::read(socket, &mut bytes) {
         Ok(length) => length,
         Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
         Err(error) => return Err(error),
     };
     let request = &mut bytes[..length];
     if frame::is_request(request) && network.answer(request) {
-        luna_platform::file::write(socket, request)?;
+        luna_machine::file::write(socket, request)?;
     }
     Ok(())
 }

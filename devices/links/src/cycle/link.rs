@@ -10,8 +10,8 @@ use super::socket::{Sent, check_addresses, hand_over, is_refusal, moment, new_se
 use super::status::Status;
 use luna::Instant;
 use luna::time::{Conversion, LeaderTick, StampClock, StampSource};
+use luna_machine::socket;
 use luna_platform::clock::Clock;
-use luna_platform::socket;
 use std::future::{Future, poll_fn};
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};

@@ -4,7 +4,7 @@ use super::error::CycleError;
 use super::protocol::Moment;
 use super::status::Status;
 use luna::time::{Stamp, StampClock, StampSource};
-use luna_platform::socket;
+use luna_machine::socket;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};

@@ -1,7 +1,7 @@
 //! Where blocks go.
 
 use crate::format::Tally;
-use luna_platform::new_file;
+use luna_machine::new_file;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};

@@ -4,7 +4,7 @@
 use super::error::SetError;
 use super::sources::{self, Given};
 use super::store::Store;
-use luna_platform::signals;
+use luna_machine::signals;
 use luna_platform::thread::{Attributes, Policy, SpawnError, spawn};
 use std::convert::Infallible;
 use std::fmt;

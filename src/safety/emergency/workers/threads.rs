@@ -5,10 +5,10 @@ use super::{Emergency, LOOKS_EVERY, MAX, ON_DUTY, member, wakes_beside_a_functio
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_core::ProcessRegistry;
-use luna_platform::crash::CrashWatch;
-use luna_platform::facts::Source;
+use luna_machine::crash::CrashWatch;
+use luna_machine::facts::Source;
+use luna_machine::signals::{self, Listeners, Signal, SignalError, SignalWatch};
 use luna_platform::shortfall::Shortfall;
-use luna_platform::signals::{self, Listeners, Signal, SignalError, SignalWatch};
 use luna_platform::thread::{
     self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread,
 };

@@ -1,6 +1,6 @@
 use super::*;
 use crate::doctor::finding::Verdict;
-use luna_platform::facts::Source;
+use luna_machine::facts::Source;
 
 fn judged(name: &str, spells: &[Spell], problem: Option<&str>, machine: &Machine) -> Finding {
     let number = WAYS.iter().position(|way| way.name == name).unwrap();

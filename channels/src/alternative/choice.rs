@@ -1,0 +1,490 @@
+//! The choice of an alternative: one protocol, under whichever locks.
+//!
+//! ```text
+//!   owner:    look at each --one is ready--> leave the others, move the value, let the partner go
+//!                 |
+//!                 '--none--> open the select state, list each guard and leave its wait point
+//!   partner:  finds a guard: commits its select state, moves the value, settles the guard
+//!   owner:    withdraws the other guards
+//! ```
+//!
+//! A plain guard is looked at, listed and withdrawn here, without a call, where it is alone at its
+//! wait point: see [`Waiting`]. Any other step is one of its own: see [`RawGuard`].
+//!
+//! A registered alternative starts to wait under its own lock, and is the only partner that does. A
+//! send that finds none waiting reports to those of its channel before the next guard is looked at.
+//! They then look at the channel before they wait, and for that they need its lock.
+
+mod logged;
+mod polled;
+
+use super::guard::Attempt;
+#[cfg(doc)]
+use super::guard::RawGuard;
+use super::locks::{Locks, Own};
+use super::offer::Offer;
+use super::stop::Stop;
+use crate::core::{FastPath, part_alone};
+use crate::finally::Finally;
+use crate::in_place::InPlace;
+use crate::select_state::{Limit, Owner, SelectState};
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
+use crate::waiter::{Outcome, Waiter};
+use core::future::Future;
+use core::marker::PhantomPinned;
+use core::mem::MaybeUninit;
+use core::pin::Pin;
+use core::ptr::NonNull;
+use core::task::{Context, Poll};
+use luna_core::biased_lock::InsideGuard;
+use luna_core::current::{PendingWake, PlainTurn, Turn};
+use luna_core::wait_list::WaitNode;
+use luna_platform::clock::Clock;
+
+/// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
+/// which also costs less for many.
+pub(super) const MAX_GUARDS: usize = 32;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// Nothing has happened.
+    New,
+    /// The guards are listed, and the select state was opened.
+    Listed,
+    /// The guards are withdrawn, and the branch is about to be dropped.
+    Failed,
+    /// This guard was chosen; the others are withdrawn.
+    Chosen(u32),
+    /// Like `Chosen`, and the process lets others run before it continues.
+    GaveWay(u32),
+    Over,
+}
+
+/// An alternative under way: what `alt!` and `pri_alt!` await. It gives the number of the chosen
+/// guard; `skip` is the one behind the last.
+///
+/// # Invariants
+///
+/// From `Listed` on, the select state is there. In `Listed` it was opened, and guards may be listed
+/// and lead to it; in any other state none is. Unless it is open, it has nothing to be dropped but
+/// its locks.
+#[must_use = "an alternative does nothing unless awaited"]
+pub struct Choice<'b, 'a> {
+    /// In the order written.
+    offers: &'b mut [Offer<'a>],
+    is_fair: bool,
+    has_skip: bool,
+    has_select_state: bool,
+    state: State,
+    select_state: MaybeUninit<SelectState>,
+    stop: Stop,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: the offers may be sent, and the select state is shared by atomics and locks.
+unsafe impl Send for Choice<'_, '_> {}
+// SAFETY: `&Choice` gives access to nothing.
+unsafe impl Sync for Choice<'_, '_> {}
+
+// SAFETY: no code of this folder moves it, or its select state, behind a pin.
+unsafe impl InPlace for Choice<'_, '_> {}
+
+/// An alternative among these guards: fair, or in the order written.
+#[inline(always)]
+pub fn choose<'b, 'a, const N: usize>(
+    offers: &'b mut [Offer<'a>; N],
+    is_fair: bool,
+    has_skip: bool,
+) -> Choice<'b, 'a> {
+    const {
+        assert!(
+            N <= MAX_GUARDS,
+            "an alternative has at most 32 guards: use `Alternative` for more channels"
+        )
+    };
+    Choice {
+        offers,
+        is_fair,
+        has_skip,
+        has_select_state: false,
+        state: State::New,
+        select_state: MaybeUninit::uninit(),
+        stop: Stop::new(),
+        _pinned: PhantomPinned,
+    }
+}
+
+impl Future for Choice<'_, '_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<u32> {
+        let (this, turn) = (self.in_place(), Turn::of(cx));
+        match turn.plain() {
+            Some(plain) if this.state == State::New => this.begin_plain(plain, turn),
+            Some(_) => this.finish_plain(turn),
+            None => this.poll_otherwise(turn),
+        }
+    }
+}
+
+/// What a look at a guard has found.
+enum Look {
+    NotReady,
+    /// Its own attempt decides.
+    Maybe,
+    /// A partner waits alone.
+    Ready,
+}
+
+/// Looks whether a guard of its wait point is ready.
+#[inline(always)]
+fn look<'a, L: Locks<'a>>(lists: &mut WaitQueues, offer: &Offer<'_>) -> Look {
+    if !L::OWN || offer.plain().is_none() {
+        return Look::Maybe;
+    }
+    if lists.waiting.is_idle() {
+        return Look::NotReady;
+    }
+    if lists.waiting.one(!offer.of_sender()).is_some() {
+        return Look::Ready;
+    }
+    look_at_queues(lists)
+}
+
+#[cold]
+#[inline(never)]
+fn look_at_queues(lists: &mut WaitQueues) -> Look {
+    lists.leave_queues();
+    match lists.waiting.is_idle() {
+        true => Look::NotReady,
+        false => Look::Maybe,
+    }
+}
+
+/// Makes these lists say all that waits there, for a guard's own step.
+fn prepare(wait_point: &WaitPoint, lists: &mut WaitQueues) {
+    lists.list_lone();
+    wait_point.clear_slots(lists);
+}
+
+/// Takes the first guard, in the order of preference, out of a set of them.
+#[inline(always)]
+pub(super) fn take_preferred(offers: &[Offer<'_>], set: &mut u32, by_stamp: bool) -> Option<usize> {
+    let mut preferred = (*set != 0).then(|| set.trailing_zeros() as usize)?;
+    if by_stamp && set.count_ones() > 1 {
+        let members = (0..offers.len()).filter(|&number| *set & (1 << number) != 0);
+        preferred = members.min_by_key(|&number| offers[number].stamp())?;
+    }
+    *set &= !(1 << preferred);
+    Some(preferred)
+}
+
+impl<'a> Choice<'_, 'a> {
+    /// Polls a new one in a plain turn.
+    #[inline(never)]
+    fn begin_plain(&mut self, plain: PlainTurn<'_>, turn: Turn<'_>) -> Poll<u32> {
+        // The locks are left before anything else is tried.
+        let decided = self.decide(&mut Own::of(plain), plain, turn);
+        match decided {
+            Some(polled) => polled,
+            None => self.poll_otherwise(turn),
+        }
+    }
+
+    /// Polls one in a plain turn that is not new.
+    #[inline(never)]
+    fn finish_plain(&mut self, turn: Turn<'_>) -> Poll<u32> {
+        let Some(number) = self.is_met() else {
+            return self.poll_otherwise(turn);
+        };
+        self.note_choice(number);
+        self.withdraw_but(number as usize, turn);
+        self.state = State::Over;
+        Poll::Ready(number)
+    }
+
+    /// The guard that a partner has chosen, if it is plain and done.
+    #[inline(always)]
+    fn is_met(&self) -> Option<u32> {
+        if self.state != State::Listed {
+            return None;
+        }
+        // SAFETY: in `Listed` it is there.
+        let number = unsafe { self.select_state.assume_init_ref() }.chosen()?;
+        let waiter = self.offers.get(number as usize)?.plain()?;
+        // SAFETY: the node was begun when it was listed.
+        (unsafe { Waiter::outcome(waiter) } == Outcome::Done).then_some(number)
+    }
+
+    /// Decides under the locks: makes the first ready guard by preference happen; with none, lists
+    /// all of them. `None`: not possible with these locks, and nothing has happened.
+    #[inline(always)]
+    fn decide<'l, L: Locks<'l>>(
+        &mut self,
+        locks: &mut L,
+        owner: impl Owner,
+        turn: Turn<'_>,
+    ) -> Option<Poll<u32>>
+    where
+        'a: 'l,
+    {
+        let (mut candidates, mut least, mut times) = (0_u32, u64::MAX, 0);
+        for (number, offer) in self.offers.iter().enumerate() {
+            // One behind a ready one, in the order of preference, cannot be chosen.
+            let is_behind = least != u64::MAX && offer.stamp() >= least;
+            let Some(wait_point) = offer.wait_point().filter(|_| !is_behind) else {
+                locks.pass_over();
+                times += u32::from(offer.is_of_time());
+                candidates |= u32::from(offer.is_of_time()) << number;
+                continue;
+            };
+            match locks.reach(wait_point, |lists| look::<L>(lists, offer))? {
+                Look::NotReady => {}
+                Look::Maybe => candidates |= 1 << number,
+                Look::Ready => {
+                    candidates |= 1 << number;
+                    if !self.is_fair {
+                        break;
+                    }
+                    least = offer.stamp();
+                }
+            }
+        }
+        let mut is_to_release = !L::OWN;
+        while let Some(number) = take_preferred(self.offers, &mut candidates, self.is_fair) {
+            let offer = &mut self.offers[number];
+            if L::OWN
+                && let Some(wait_point) = offer.wait_point()
+                && let Some(partner) = alone(locks.lists(number, wait_point), offer)
+                && let Some((lists, plain)) = locks.leave_others(number)
+            {
+                let met = self.meet(number, (wait_point, lists, plain), partner, is_to_release);
+                return Some(met);
+            }
+            is_to_release = true;
+            if let Attempt::Ready(ready) = attempt(offer, number, locks, turn) {
+                return Some(self.made(number, ready, locks, turn));
+            }
+        }
+        if self.has_skip {
+            return Some(self.made(self.offers.len(), PendingWake::NONE, locks, turn));
+        }
+        let limit = if times != 0 { self.limit() } else { None };
+        self.select_state.write(owner.open(limit));
+        self.has_select_state = true;
+        self.state = State::Listed;
+        let select_state = NonNull::from(&mut self.select_state).cast();
+        let user = LastUser::of(turn.here().user());
+        // In the order of preference: a partner finds the preferred one of two guards of one
+        // channel. Where each has a lock of its own, no channel stands here twice.
+        locks.for_each(
+            self.offers,
+            self.is_fair,
+            |number, offer, wait_point, lists| {
+                if L::OWN
+                    && lists.waiting.is_idle()
+                    && let Some(waiter) = offer.plain()
+                {
+                    // SAFETY: the node is new, so no other thread knows it; it is withdrawn before it
+                    // and the select state go.
+                    unsafe { Waiter::begin_guard_alone(waiter, select_state, number as u32) };
+                    lists.note_user(offer.of_sender(), user);
+                    lists.waiting = Waiting::alone_guard(waiter.cast(), offer.of_sender());
+                } else {
+                    is_to_release = true;
+                    list_itself(offer, number, wait_point, lists, select_state);
+                }
+            },
+        );
+        locks.leave();
+        match is_to_release || times != 0 {
+            true => Some(self.listed(turn)),
+            false => Some(Poll::Pending),
+        }
+    }
+
+    /// All guards are listed, and the locks were released.
+    #[cold]
+    #[inline(never)]
+    fn listed(&mut self, turn: Turn<'_>) -> Poll<u32> {
+        self.release(0);
+        self.poll_listed(turn)
+    }
+
+    /// Lets a ready guard meet the partner that waits alone, and the partner go.
+    #[inline(always)]
+    fn meet(
+        &mut self,
+        number: usize,
+        (wait_point, lists, plain): (&WaitPoint, InsideGuard<'_, WaitQueues>, PlainTurn<'_>),
+        partner: NonNull<WaitNode>,
+        is_to_release: bool,
+    ) -> Poll<u32> {
+        self.note_choice(number as u32);
+        let offer = &mut self.offers[number];
+        let of_sender = offer.of_sender();
+        if let Some(guard) = offer.guard_mut() {
+            // SAFETY: it is plain and new. The partner is noted at the other side of its wait
+            // point, whose lock is held.
+            unsafe { guard.meet(partner) };
+        }
+        self.state = State::GaveWay(number as u32);
+        // SAFETY: the value was moved, and the partner waits alone.
+        let result = unsafe { part_alone(wait_point, lists, partner, of_sender, plain) };
+        if is_to_release {
+            self.release(0);
+        }
+        if result == FastPath::GaveWay {
+            return Poll::Pending;
+        }
+        self.state = State::Over;
+        Poll::Ready(number as u32)
+    }
+
+    /// The guard of this number has happened, or `skip` has: releases the locks, and wakes the
+    /// partner.
+    #[inline(never)]
+    fn made<'l, L: Locks<'l>>(
+        &mut self,
+        number: usize,
+        ready: PendingWake,
+        locks: &mut L,
+        turn: Turn<'_>,
+    ) -> Poll<u32> {
+        let number = number as u32;
+        // Before a foreign waker can panic.
+        self.state = State::Chosen(number);
+        locks.leave();
+        self.note_choice(number);
+        let released = Finally::new(|| self.release(0));
+        ready.wake();
+        drop(released);
+        if turn.yields_after_operation() {
+            self.state = State::GaveWay(number);
+            return Poll::Pending;
+        }
+        self.poll_chosen(number, turn)
+    }
+
+    /// The instant from which on guards are too late, and the first of those guards: a delay that
+    /// is preferred to them has passed then, and the earliest delay counts. Without this, a partner
+    /// that comes after the instant and before the owner has woken would find a guard that must not
+    /// be chosen any more.
+    #[cold]
+    fn limit(&self) -> Option<Limit> {
+        let delays = self.offers.iter().enumerate();
+        let delays = delays.filter_map(|(number, offer)| {
+            // Only guards of time have a deadline.
+            Some((offer.guard()?.deadline()?, number as u32))
+        });
+        // A fair alternative prefers a delay to all else: it was never chosen.
+        delays.min().map(|(instant, number)| Limit {
+            instant,
+            first_late: if self.is_fair { 0 } else { number + 1 },
+            clock: Clock::number_here(),
+        })
+    }
+
+    /// Gives the end of the chosen guard its new stamp.
+    #[inline(always)]
+    fn note_choice(&self, number: u32) {
+        if self.is_fair
+            && let Some(chosen) = self.offers.get(number as usize)
+        {
+            let mut greatest = 0;
+            for offer in &*self.offers {
+                greatest = greatest.max(offer.stamp());
+            }
+            chosen.choose(greatest);
+        }
+    }
+
+    /// Tells the guards from this one on that the locks of their wait points were released.
+    #[cold]
+    #[inline(never)]
+    fn release(&self, from: usize) {
+        if let Some(offer) = self.offers.get(from) {
+            // A wake may panic: the remaining wakes must still be done.
+            let _others = Finally::new(|| self.release(from + 1));
+            if let Some(guard) = offer.guard() {
+                guard.released();
+            }
+        }
+    }
+
+    /// Takes all listed guards but one off their lists. O(n).
+    #[inline(always)]
+    fn withdraw_but(&mut self, chosen: usize, turn: Turn<'_>) {
+        for (number, offer) in self.offers.iter_mut().enumerate() {
+            if number != chosen {
+                offer.withdraw(turn.here());
+            }
+        }
+    }
+}
+
+/// The partner of a plain guard that waits alone, if there is one.
+#[inline(always)]
+fn alone(lists: Option<&mut WaitQueues>, offer: &Offer<'_>) -> Option<NonNull<WaitNode>> {
+    offer.plain()?;
+    lists?.waiting.one(!offer.of_sender())
+}
+
+/// Makes a guard happen by its own step, if possible.
+#[inline(never)]
+fn attempt<'l, 'a: 'l, L: Locks<'l>>(
+    offer: &mut Offer<'a>,
+    number: usize,
+    locks: &mut L,
+    turn: Turn<'_>,
+) -> Attempt {
+    let wait_point = offer.wait_point();
+    let lists = wait_point.and_then(|wait_point| {
+        let lists = locks.lists(number, wait_point)?;
+        prepare(wait_point, lists);
+        Some(lists)
+    });
+    match offer.guard_mut() {
+        // SAFETY: the lists are those of the guard's wait point. The guard is new, since none has
+        // happened.
+        Some(guard) => unsafe { guard.attempt(lists, &mut turn.context()) },
+        None => Attempt::NotReady,
+    }
+}
+
+/// Lists a guard by its own step.
+#[inline(never)]
+fn list_itself(
+    offer: &mut Offer<'_>,
+    number: usize,
+    wait_point: &WaitPoint,
+    lists: &mut WaitQueues,
+    select_state: NonNull<SelectState>,
+) {
+    prepare(wait_point, lists);
+    if let Some(guard) = offer.guard_mut() {
+        // SAFETY: the lists are those of the guard's wait point. The guard is new, since it was not
+        // ready, and is withdrawn before the select state goes.
+        unsafe { guard.list(lists, select_state, number as u32) };
+    }
+}
+
+impl Drop for Choice<'_, '_> {
+    #[inline(always)]
+    fn drop(&mut self) {
+        if self.state != State::Over {
+            self.drop_unfinished();
+        }
+        if SelectState::HAS_DROP && self.has_select_state {
+            // SAFETY: it is there, and no node leads to it any more.
+            unsafe { self.select_state.assume_init_drop() };
+        }
+    }
+}
+
+luna_platform::debug_fields!(
+    Choice<'_, '_>, |choice|
+    is_fair: choice.is_fair,
+    state: choice.state
+);

@@ -1,0 +1,7 @@
+//! Tests of what a system holds of its machine. One program; a module a subject.
+
+#[path = "../../../tests/shared/mod.rs"]
+#[macro_use]
+mod shared;
+
+mod memory_and_latency;

@@ -1,0 +1,3 @@
+//! Tests that change their whole process: signal handlers.
+
+mod signals;
