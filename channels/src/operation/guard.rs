@@ -19,7 +19,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
     #[inline(always)]
     fn terms(&self) -> Terms {
         Terms {
-            plain: D::PLAIN_GUARD.then(|| self.waiter().cast()),
+            plain: D::PLAIN.then(|| self.waiter().cast()),
             of_sender: D::SEND,
             can_fail: !D::ANSWERED,
             ..Terms::at(self.channel().wait_point(), &self.end.chosen)
@@ -176,7 +176,7 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {
-            Outcome::Done => this.done(),
+            Outcome::Done if !D::ANSWERED => Ok(this.done()),
             outcome => {
                 cold_path();
                 this.settled(outcome)
