@@ -25,7 +25,7 @@ pub use branch::{
 };
 pub use branches::Branches;
 #[cfg(all(feature = "std", not(loom)))]
-pub use executor_thread::{RefusedBoosts, refused_boosts};
+pub use executor_thread::refused_boosts;
 pub use guest::Guest;
 pub use inheritor::Inheritor;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
