@@ -4,7 +4,7 @@
 //! User space does not see which threads wait for a core, so this module uses the plan. A thread
 //! that is not pinned may come to any core, so it shares all of them.
 
-use super::plan::{NamedThread, Placement, ProcessPlan};
+use super::plan::{NamedThread, Placement, ProcessPlan, Running};
 use crate::csp::composition::ThreadPart;
 use crate::notice::notice;
 use luna_core::ExecutorHandle;
@@ -58,6 +58,19 @@ pub(super) fn settle(executors: &mut [Attributes], processes: &mut [ProcessPlan]
 /// A thread may come to those that have been started: refuses it what it cannot have beside them,
 /// and takes from them what they cannot have beside it, which is reported on standard error.
 pub(super) fn join(
+    place: &mut Placement,
+    running: &Running,
+    parts: &[ThreadPart],
+    threads: &[NamedThread],
+) {
+    if let Placement::Thread(attributes) = place
+        && running.simulation.is_none()
+    {
+        join_those(attributes, &running.executors, parts, threads);
+    }
+}
+
+fn join_those(
     attributes: &mut Attributes,
     executors: &[ExecutorHandle],
     parts: &[ThreadPart],
@@ -111,12 +124,12 @@ mod tests {
 
         let mut of_second = comes.clone();
         let executors = [executor.handle().clone()];
-        join(&mut of_second, &executors, &[part], &[]);
+        join_those(&mut of_second, &executors, &[part], &[]);
         let with_executor = (executor.handle().end_spin(), refused(of_second));
 
         let mut of_second = comes;
         let threads = [("first".to_owned(), thread)];
-        join(&mut of_second, &[], &[], &threads);
+        join_those(&mut of_second, &[], &[], &threads);
         [with_executor, (threads[0].1.end_spin(), refused(of_second))]
     }
 
