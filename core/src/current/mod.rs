@@ -29,7 +29,7 @@ pub(crate) use cpu::with_processes;
 pub use cpu::{Cpu, ask_look, enter_executor, timers};
 pub(crate) use cpu::{give_back_timers, has_no_deadline_within, has_other_timers};
 #[cfg(all(feature = "std", not(loom)))]
-pub use executor_thread::{RefusedBoosts, refused_boosts};
+pub use executor_thread::refused_boosts;
 pub use inheritor::Inheritor;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use ready::{
