@@ -29,19 +29,18 @@ pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
 pub use crate::safety::report::SafetyReport;
 pub use crate::time::accounting::UsageSince;
-pub use crate::time::distribution::Distribution;
 pub use crate::time::late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstead, StolenTime};
 pub use crate::time::manager::{CallbackReport, TimersReport};
 pub use crate::time::stamp::StampReport;
-pub use crate::time::statistics::LoopReport;
+pub use crate::time::statistics::{Distribution, LoopReport};
 pub use luna_config::deployment::{DeploymentReport, Override};
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;
 #[cfg(feature = "logger")]
 pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
 pub use luna_machine::facts::RealTimeShare;
+pub use luna_machine::shortfall::Shortfall;
 pub use luna_machine::usage::ThreadUsage;
-pub use luna_platform::shortfall::Shortfall;
 pub use luna_replay::RecordReport;
 
 use crate::system::{ClockKind, Member};
@@ -250,16 +249,16 @@ impl EarlierProcesses {
     /// Counts one that has ended, with an error of its own or without.
     #[inline]
     pub(crate) fn count(&mut self, process: &Member, overruns: u64) {
-        let known = process.known();
-        let as_what = match known.exit {
+        let handle = &process.handle;
+        let as_what = match handle.exit() {
             Some(Exit::Panicked(_)) => &mut self.panicked,
             Some(Exit::Cancelled) => &mut self.cancelled,
             _ if process.has_failed => &mut self.failed,
             _ => &mut self.completed,
         };
         *as_what += 1;
-        self.polls += known.polls;
-        self.longest_poll = self.longest_poll.max(known.longest_poll);
+        self.polls += handle.polls();
+        self.longest_poll = self.longest_poll.max(handle.longest_poll());
         self.overruns += overruns;
     }
 }

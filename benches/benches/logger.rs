@@ -115,7 +115,7 @@ fn tracing_to_file(samples: u64) -> Duration {
 /// An event with two numbers, during a recording to a file.
 #[cfg(feature = "events")]
 fn event(events: u64) -> Duration {
-    use luna_core::events::{code, report};
+    use luna_events::{code, report};
     on_core(one_core(), || {
         let file = file("events");
         let hub = Hub::new("bench", Default::default());

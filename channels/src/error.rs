@@ -94,159 +94,132 @@ impl RecvError {
     }
 }
 
-/// Sending at once failed. The value is given back.
-#[derive(Clone, PartialEq, Eq, Error)]
-pub enum TrySendError<T> {
+/// Why a send failed that gives up: as the variant that is named, or as a [`SendError`]. The value
+/// is given back.
+macro_rules! send_gives_up {
+    ($(#[$about:meta])* $name:ident: $(#[$variant:meta])* $gave_up:ident, $(#[$asked:meta])* $has:ident) => {
+        $(#[$about])*
+        #[derive(Clone, PartialEq, Eq, Error)]
+        pub enum $name<T> {
+            $(#[$variant])*
+            $gave_up(T),
+            /// The last receiver is gone.
+            #[error("sending to a channel whose last receiver is gone")]
+            Closed(T),
+            /// The channel, or the branch that sent, was poisoned.
+            #[error("sending to a poisoned channel")]
+            Poisoned(T),
+        }
+
+        impl<T> $name<T> {
+            /// The value that was not sent.
+            pub fn into_inner(self) -> T {
+                match self {
+                    $name::$gave_up(value) | $name::Closed(value) | $name::Poisoned(value) => value,
+                }
+            }
+
+            $(#[$asked])*
+            pub fn $has(&self) -> bool {
+                matches!(self, $name::$gave_up(_))
+            }
+
+            /// Whether the last receiver is gone.
+            pub fn is_closed(&self) -> bool {
+                matches!(self, $name::Closed(_))
+            }
+
+            /// Whether the channel, or the branch that sent, was poisoned.
+            pub fn is_poisoned(&self) -> bool {
+                matches!(self, $name::Poisoned(_))
+            }
+        }
+
+        gives_value_back!($name);
+    };
+}
+
+/// Why a receive failed that gives up: as the variant that is named, or as a [`RecvError`].
+macro_rules! recv_gives_up {
+    ($(#[$about:meta])* $name:ident: $(#[$variant:meta])* $gave_up:ident, $(#[$asked:meta])* $has:ident) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+        pub enum $name {
+            $(#[$variant])*
+            $gave_up,
+            /// The channel, or the branch that received, was poisoned.
+            #[error("receiving from a poisoned channel")]
+            Poisoned,
+            /// The last sender is gone, and all that it sent was received.
+            #[error("receiving from a channel whose last sender is gone")]
+            Closed,
+        }
+
+        impl $name {
+            $(#[$asked])*
+            pub fn $has(&self) -> bool {
+                *self == $name::$gave_up
+            }
+
+            /// Whether the channel, or the branch that received, was poisoned.
+            pub fn is_poisoned(&self) -> bool {
+                *self == $name::Poisoned
+            }
+
+            /// Whether the last sender is gone.
+            pub fn is_closed(&self) -> bool {
+                *self == $name::Closed
+            }
+        }
+    };
+}
+
+send_gives_up! {
+    /// Sending at once failed. The value is given back.
+    TrySendError:
     /// No receiver waits, and there is no room in a buffer.
     #[error("sending at once, but no receiver waits and there is no room")]
-    Full(T),
-    /// The last receiver is gone.
-    #[error("sending to a channel whose last receiver is gone")]
-    Closed(T),
-    /// The channel was poisoned.
-    #[error("sending to a poisoned channel")]
-    Poisoned(T),
-}
-
-impl<T> TrySendError<T> {
-    /// The value that was not sent.
-    pub fn into_inner(self) -> T {
-        match self {
-            TrySendError::Full(value)
-            | TrySendError::Closed(value)
-            | TrySendError::Poisoned(value) => value,
-        }
-    }
-
+    Full,
     /// Whether it might succeed later.
-    pub fn is_full(&self) -> bool {
-        matches!(self, TrySendError::Full(_))
-    }
-
-    /// Whether the last receiver is gone.
-    pub fn is_closed(&self) -> bool {
-        matches!(self, TrySendError::Closed(_))
-    }
-
-    /// Whether the channel was poisoned.
-    pub fn is_poisoned(&self) -> bool {
-        matches!(self, TrySendError::Poisoned(_))
-    }
+    is_full
 }
 
-gives_value_back!(TrySendError);
+send_gives_up! {
+    /// Sending within a time failed. The value is given back.
+    SendTimeoutError:
+    /// No receiver took the value in time; it was withdrawn.
+    #[error("sending, but no receiver took the value in time")]
+    Timeout,
+    /// Whether the time ran out.
+    is_timeout
+}
 
-/// Receiving at once failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-pub enum TryRecvError {
+recv_gives_up! {
+    /// Receiving at once failed.
+    TryRecvError:
     /// No sender waits, and nothing is buffered.
     #[error("receiving at once, but no sender waits and nothing is buffered")]
     Empty,
-    /// The channel was poisoned.
-    #[error("receiving from a poisoned channel")]
-    Poisoned,
-    /// The last sender is gone, and all that it sent was received.
-    #[error("receiving from a channel whose last sender is gone")]
-    Closed,
-}
-
-impl TryRecvError {
     /// Whether it might succeed later.
-    pub fn is_empty(&self) -> bool {
-        *self == TryRecvError::Empty
-    }
-
-    /// Whether the channel was poisoned.
-    pub fn is_poisoned(&self) -> bool {
-        *self == TryRecvError::Poisoned
-    }
-
-    /// Whether the last sender is gone.
-    pub fn is_closed(&self) -> bool {
-        *self == TryRecvError::Closed
-    }
+    is_empty
 }
 
-/// Sending within a time failed. The value is given back.
-#[derive(Clone, PartialEq, Eq, Error)]
-pub enum SendTimeoutError<T> {
-    /// No receiver took the value in time; it was withdrawn.
-    #[error("sending, but no receiver took the value in time")]
-    Timeout(T),
-    /// The last receiver is gone.
-    #[error("sending to a channel whose last receiver is gone")]
-    Closed(T),
-    /// The channel, or the branch that sent, was poisoned.
-    #[error("sending to a poisoned channel")]
-    Poisoned(T),
-}
-
-impl<T> SendTimeoutError<T> {
-    /// The value that was not sent.
-    pub fn into_inner(self) -> T {
-        match self {
-            SendTimeoutError::Timeout(value)
-            | SendTimeoutError::Closed(value)
-            | SendTimeoutError::Poisoned(value) => value,
-        }
-    }
-
+recv_gives_up! {
+    /// Receiving within a time failed.
+    RecvTimeoutError:
+    /// No value came in time.
+    #[error("receiving, but no value came in time")]
+    Timeout,
     /// Whether the time ran out.
-    pub fn is_timeout(&self) -> bool {
-        matches!(self, SendTimeoutError::Timeout(_))
-    }
-
-    /// Whether the last receiver is gone.
-    pub fn is_closed(&self) -> bool {
-        matches!(self, SendTimeoutError::Closed(_))
-    }
-
-    /// Whether the channel, or the branch that sent, was poisoned.
-    pub fn is_poisoned(&self) -> bool {
-        matches!(self, SendTimeoutError::Poisoned(_))
-    }
+    is_timeout
 }
 
 impl<T> From<SendError<T>> for SendTimeoutError<T> {
     fn from(error: SendError<T>) -> Self {
-        if error.poisoned {
-            SendTimeoutError::Poisoned(error.value)
-        } else {
-            SendTimeoutError::Closed(error.value)
+        match error.poisoned {
+            true => SendTimeoutError::Poisoned(error.value),
+            false => SendTimeoutError::Closed(error.value),
         }
-    }
-}
-
-gives_value_back!(SendTimeoutError);
-
-/// Receiving within a time failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-pub enum RecvTimeoutError {
-    /// No value came in time.
-    #[error("receiving, but no value came in time")]
-    Timeout,
-    /// The channel, or the branch that received, was poisoned.
-    #[error("receiving from a poisoned channel")]
-    Poisoned,
-    /// The last sender is gone, and all that it sent was received.
-    #[error("receiving from a channel whose last sender is gone")]
-    Closed,
-}
-
-impl RecvTimeoutError {
-    /// Whether the time ran out.
-    pub fn is_timeout(&self) -> bool {
-        *self == RecvTimeoutError::Timeout
-    }
-
-    /// Whether the channel, or the branch that received, was poisoned.
-    pub fn is_poisoned(&self) -> bool {
-        *self == RecvTimeoutError::Poisoned
-    }
-
-    /// Whether the last sender is gone.
-    pub fn is_closed(&self) -> bool {
-        *self == RecvTimeoutError::Closed
     }
 }
 
@@ -274,6 +247,11 @@ pub enum BufferError {
 pub trait Ended {
     /// Whether its channel was poisoned, and not closed. `None`: it gave up.
     fn poisoned(&self) -> Option<bool>;
+
+    /// Whether the operation has communicated all the same: its result is not what it should be.
+    fn has_communicated(&self) -> bool {
+        false
+    }
 }
 
 impl<T> Ended for SendError<T> {

@@ -95,7 +95,8 @@ pub use error::{
 };
 pub use extended::{Extended, Held};
 pub use operation::{
-    Direction, Operation, Receiving, RecvOp, RecvTimeout, SendOp, SendTimeout, Sending, Timed,
+    Direction, GivesUp, Operation, Receiving, RecvOp, RecvTimeout, SendOp, SendTimeout, Sending,
+    Timed,
 };
 pub use receiver::Receiver;
 pub use sender::Sender;

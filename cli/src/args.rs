@@ -1,48 +1,34 @@
 //! The command line.
 
-mod demo;
+mod jitter;
 mod recordings;
 #[cfg(test)]
 mod tests;
-mod values;
 
-#[cfg(target_os = "linux")]
-pub(crate) use demo::Machine;
-pub(crate) use demo::{Demo, Demos, Jitter, Placement, SCOPE};
+pub(crate) use jitter::Jitter;
+pub(crate) use luna_command::SCOPE;
+pub(crate) use luna_command::place::Placement;
+pub(crate) use luna_command::values::{instant, seconds};
 pub(crate) use recordings::{Clock, Convert, Format, Messages, Record, Scope, Selection};
-pub(crate) use values::{instant, policy, seconds};
 
 use clap::{Args, Parser, Subcommand};
+use std::ffi::OsString;
 use std::path::PathBuf;
 
-/// LUNA: hard real-time processes and channels. Without a command: the demo.
+/// LUNA: hard real-time processes and channels, and the tools around them.
 #[derive(Debug, Parser)]
-#[command(name = "luna", version, args_conflicts_with_subcommands = true)]
+#[command(name = "luna", version, arg_required_else_help = true)]
 pub(crate) struct Arguments {
-    #[command(subcommand)]
-    command: Option<Command>,
-    #[command(flatten)]
-    demo: Demo,
-}
-
-impl Arguments {
     /// What is to be done.
-    pub(crate) fn command(self) -> Command {
-        self.command.unwrap_or_else(|| {
-            Command::Demo(Box::new(Demos {
-                #[cfg(target_os = "linux")]
-                machine: None,
-                jiwy: self.demo,
-            }))
-        })
-    }
+    #[command(subcommand)]
+    pub(crate) command: Command,
 }
 
 /// What the program can do.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Controls a simulated pan-tilt camera and shows how well it kept time; or another machine
-    Demo(Box<Demos>),
+    /// Runs a simulated machine and shows how well it kept time: a pan-tilt camera, or another
+    Demo(Apart),
     /// Measures how late a periodic process wakes up, as cyclictest does
     Jitter(Jitter),
     /// Says whether this machine is fit for hard real time, and what to do about what is not
@@ -69,6 +55,19 @@ pub(crate) enum Command {
     /// Sends values to a channel between programs, as its sender, or sets keys of a blackboard
     #[cfg(target_os = "linux")]
     Send(crate::programs::send::Arguments),
+}
+
+/// The words for a program that `luna` starts.
+#[derive(Debug, Clone, Args)]
+#[command(disable_help_flag = true)]
+pub(crate) struct Apart {
+    /// What `luna demo --help` lists
+    #[arg(
+        trailing_var_arg = true,
+        allow_hyphen_values = true,
+        value_name = "OPTIONS"
+    )]
+    pub(crate) words: Vec<OsString>,
 }
 
 /// The options of `luna doctor`.

@@ -1,45 +1,23 @@
-//! The `luna` command: the demo, measurements of a machine, and whether it is fit.
+//! The `luna` command: measurements of a machine, whether it is fit, projects, recordings and models.
 
-mod alloc;
+mod apart;
 mod args;
 mod beside;
-mod card;
-mod columns;
 mod convert;
-mod demo;
 mod doctor;
-mod exit;
-mod failure;
-#[cfg(target_os = "linux")]
-mod head;
-mod histogram_text;
 mod jitter;
-#[cfg_attr(not(target_os = "linux"), path = "no_joystick.rs")]
-mod joystick;
 mod model;
 mod new;
-mod output;
 mod package;
-mod place;
-mod print;
-#[cfg(target_os = "linux")]
-mod production_cell;
 #[cfg(target_os = "linux")]
 mod programs;
-mod progress;
 mod record;
-mod report;
-mod result_file;
 mod scope;
-mod scope_parameters;
-mod text;
-#[cfg(target_os = "linux")]
-mod tulip;
 
-#[cfg(target_os = "linux")]
-use args::Machine;
 use args::{Arguments, Command};
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
+use luna_command::alloc;
+use luna_command::{columns, exit, failure, place, print, progress, report, result_file, text};
 use std::process::ExitCode;
 
 /// Counts allocations, which the real-time path must not make.
@@ -47,12 +25,16 @@ use std::process::ExitCode;
 static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::realtime::on_path);
 
 fn main() -> ExitCode {
-    // The file is of the user's programs, and has names that no system of this command has.
-    // SAFETY: no other thread has been started, so none reads the environment.
-    unsafe { std::env::remove_var("LUNA_DEPLOYMENT") };
-    ignore_the_limit_of_files();
-    let outcome = match Arguments::parse().command() {
-        Command::Demo(demos) => run_demo(&demos),
+    // SAFETY: no other thread has been started.
+    unsafe { luna_command::begin() };
+    let parsed = Arguments::command().after_help(apart::help()).get_matches();
+    let arguments = Arguments::from_arg_matches(&parsed).unwrap_or_else(|error| error.exit());
+    luna_command::end(run(arguments.command))
+}
+
+fn run(command: Command) -> Result<ExitCode, failure::Failure> {
+    match command {
+        Command::Demo(demo) => apart::run("demo", &demo.words),
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
@@ -66,36 +48,5 @@ fn main() -> ExitCode {
         Command::Echo(arguments) => programs::echo::run(&arguments),
         #[cfg(target_os = "linux")]
         Command::Send(arguments) => programs::send::run(&arguments),
-    };
-    match outcome {
-        Ok(code) => code,
-        Err(failure) => {
-            eprintln!("luna: {failure}");
-            ExitCode::from(failure.exit_code())
-        }
-    }
-}
-
-fn run_demo(demos: &args::Demos) -> Result<ExitCode, failure::Failure> {
-    #[cfg(target_os = "linux")]
-    match &demos.machine {
-        Some(Machine::ProductionCell(arguments)) => return production_cell::run(arguments),
-        Some(Machine::ProductionCellUnit(unit)) => return production_cell::run_unit(unit),
-        Some(Machine::Head(arguments)) => return head::run(arguments, &ALLOCATOR),
-        Some(Machine::HeadVision(arguments)) => return head::run_vision(arguments),
-        Some(Machine::Tulip(arguments)) => return tulip::run(arguments, &ALLOCATOR),
-        Some(Machine::TulipOperator(arguments)) => return tulip::run_operator(arguments),
-        None => {}
-    }
-    demo::run(&demos.jiwy, &ALLOCATOR)
-}
-
-/// A file that reaches `RLIMIT_FSIZE` is an error of the write, which is reported, as a full disk is.
-fn ignore_the_limit_of_files() {
-    #[cfg(unix)]
-    {
-        use nix::sys::signal::{SigHandler, Signal, signal};
-        // SAFETY: to ignore a signal runs nothing. It fails for no signal that can be ignored.
-        let _ = unsafe { signal(Signal::SIGXFSZ, SigHandler::SigIgn) };
     }
 }

@@ -1,16 +1,13 @@
-//! `luna scope`: a recording in the browser, and the scope of `luna demo --scope`.
+//! `luna scope`: a recording in the browser.
 
 use crate::args;
-use crate::demo::Show;
 use crate::failure::{Failure, failed, unusable};
-use crate::scope_parameters::OfSystem;
 use luna_scope::{MergeError, ReplayError, Scope, Settings};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, Write};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::time::Duration;
 
 /// What is played.
@@ -138,23 +135,6 @@ impl Shown<'_> {
             Some(path) => Ok(settings.picture(crate::model::drawing(path)?)),
         }
     }
-}
-
-/// The scope of a run of a demo, which shows its parameters and its picture. A viewer with the
-/// token, if there is one, may set them.
-pub(crate) fn of_demo(
-    address: SocketAddr,
-    parameters: luna::parameters::Parameters,
-    show: Show<'_>,
-) -> Result<Scope, Failure> {
-    let settings = Settings::default()
-        .address(address)
-        .parameters(Arc::new(OfSystem(parameters)));
-    let settings = show.picture.into_iter().fold(settings, Settings::picture);
-    open(match show.scope_token {
-        true => settings.allow_setting().map_err(unserved(address))?,
-        false => settings,
-    })
 }
 
 /// A scope cannot be served there.

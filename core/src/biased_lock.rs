@@ -42,11 +42,11 @@
 
 mod guards;
 
-pub use guards::{BiasedGuard, InsideGuard, Refused};
+pub use guards::{BiasedGuard, Guard, InsideGuard, Refused};
 
 use crate::current::{self, Here, PlainTurn};
 use core::marker::PhantomData;
-use guards::Held;
+use guards::{ByAny, ByOwner, Hold};
 use luna_platform::fence;
 use luna_platform::inside::Inside;
 use luna_platform::lock::PiLock;
@@ -200,7 +200,7 @@ impl<T> BiasedLock<T> {
     #[inline(always)]
     pub fn lock_in(&self, here: Here<'_>) -> BiasedGuard<'_, T> {
         self.guard(match self.enter_in(here) {
-            Some(inside) => inside.held(),
+            Some(inside) => inside.into_any(),
             // SAFETY: as in `enter_in`.
             None => unsafe { self.hold_as(here.executor_number(), here.thread_id()) },
         })
@@ -230,7 +230,7 @@ impl<T> BiasedLock<T> {
         unsafe { self.inside.enter_unchecked(thread_id) };
         fence::light();
         if self.bias.load(Ordering::Acquire) == me {
-            return Some(self.inside_guard(me));
+            return Some(self.guard(ByOwner(me)));
         }
         self.leave_at_once();
         None
@@ -262,7 +262,7 @@ impl<T> BiasedLock<T> {
         unsafe { self.inside.enter_unchecked(turn.thread_id()) };
         fence::light();
         if self.bias.load(Ordering::Acquire) == executor {
-            return Ok(self.inside_guard(executor));
+            return Ok(self.guard(ByOwner(executor)));
         }
         self.inside.leave();
         Err(Refused::Revoked)
@@ -282,16 +282,7 @@ impl<T> BiasedLock<T> {
     /// The calling thread has kept a guard of this lock, and has not called this since.
     #[inline(always)]
     pub unsafe fn kept(&self, turn: PlainTurn<'_>) -> InsideGuard<'_, T> {
-        self.inside_guard(turn.executor_number())
-    }
-
-    #[inline(always)]
-    fn inside_guard(&self, executor: u64) -> InsideGuard<'_, T> {
-        InsideGuard {
-            lock: self,
-            executor,
-            stays_on_its_thread: PhantomData,
-        }
+        self.guard(ByOwner(turn.executor_number()))
     }
 
     /// Locks as [`lock`](Self::lock) does, for an occasional inspection: a bias is restored
@@ -305,10 +296,10 @@ impl<T> BiasedLock<T> {
         let uses = self.shared.lock();
         let executor = self.bias.load(Ordering::Relaxed);
         if executor == NO_EXECUTOR {
-            return self.guard(Held::shared(uses));
+            return self.guard(ByAny::shared(uses));
         }
         self.revoke_bias();
-        self.guard(Held::revoked(uses, executor))
+        self.guard(ByAny::revoked(uses, executor))
     }
 
     /// Whether this is the value that it guards.
@@ -336,17 +327,17 @@ impl<T> BiasedLock<T> {
         // SAFETY: the models' threads each pass an executor of their own, or 0.
         self.guard(unsafe {
             match self.enter_as(me, thread_id) {
-                Some(inside) => inside.held(),
+                Some(inside) => inside.into_any(),
                 None => self.hold_as(me, thread_id),
             }
         })
     }
 
     #[inline(always)]
-    fn guard<'a>(&'a self, held: Held<'a>) -> BiasedGuard<'a, T> {
-        BiasedGuard {
+    fn guard<H: Hold>(&self, hold: H) -> Guard<'_, T, H> {
+        Guard {
             lock: self,
-            held,
+            hold,
             stays_on_its_thread: PhantomData,
         }
     }
@@ -358,7 +349,7 @@ impl<T> BiasedLock<T> {
     ///
     /// As for [`enter_as`](Self::enter_as).
     #[inline(never)]
-    unsafe fn hold_as(&self, me: u64, thread_id: u32) -> Held<'_> {
+    unsafe fn hold_as(&self, me: u64, thread_id: u32) -> ByAny<'_> {
         loop {
             // A thread that revokes the bias holds `shared` and waits for the critical section of
             // this thread: blocking on `shared` inside it would deadlock.
@@ -374,11 +365,11 @@ impl<T> BiasedLock<T> {
                 drop(uses);
                 // SAFETY: as is demanded here.
                 match unsafe { self.enter_as(me, thread_id) } {
-                    Some(inside) => return inside.held(),
+                    Some(inside) => return inside.into_any(),
                     None => continue,
                 }
             }
-            return Held::shared(uses);
+            return ByAny::shared(uses);
         }
     }
 

@@ -3,17 +3,14 @@
 //! A process that ends may free memory, for instance a channel with no other end. That would take
 //! the allocator's lock in the middle of other processes' work. On the real-time path such memory
 //! is put on a list instead, by one compare-and-swap. A thread off the path that calls [`collect`]
-//! frees it. An executor's thread [keeps](keep_own) a limited number in a list of its own, without
-//! atomic operations: the next spawn on the same thread frees most of them.
+//! frees it: the next spawn does.
 
 mod shared;
 
 pub use shared::Shared;
 
-use core::cell::Cell;
 use core::ptr::{self, NonNull};
 use core::sync::atomic::{AtomicPtr, Ordering};
-use luna_platform::on_drop::OnDrop;
 use luna_platform::panics::catch_unwind;
 
 /// The head of an allocation that can be freed later: a field of it, from which `free` finds the
@@ -32,85 +29,9 @@ impl Retired {
             free,
         }
     }
-
-    /// The link of its list, which is its owner's to use until it is retired.
-    pub fn link(&self) -> &AtomicPtr<Retired> {
-        &self.next
-    }
 }
 
 static RETIRED: AtomicPtr<Retired> = AtomicPtr::new(ptr::null_mut());
-
-/// Capacity of a thread's own list.
-const MAX_OWN: u32 = 64;
-
-/// A thread's own list: a chain from `first` to `last`, and its length; null if it is empty.
-struct Own {
-    keeps: Cell<bool>,
-    count: Cell<u32>,
-    first: Cell<*mut Retired>,
-    last: Cell<*mut Retired>,
-}
-
-luna_platform::local! {
-    static OWN: Own = const {
-        Own {
-            keeps: Cell::new(false),
-            count: Cell::new(0),
-            first: Cell::new(ptr::null_mut()),
-            last: Cell::new(ptr::null_mut()),
-        }
-    };
-}
-
-/// Until the guard is dropped, the thread keeps part of what it retires on the real-time path in a
-/// list of its own. [`hand_over`] moves that list to the shared one; call it before the thread
-/// sleeps.
-pub fn keep_own() -> OnDrop<impl FnMut()> {
-    OWN.with(|own| own.keeps.set(true));
-    OnDrop::new(|| {
-        OWN.with(|own| own.keeps.set(false));
-        hand_over();
-    })
-}
-
-/// Moves this thread's own list to the shared one, for the next [`collect`] on any thread.
-/// Real-time path: yes; O(1).
-#[inline]
-pub fn hand_over() {
-    OWN.with(|own| {
-        let first = own.first.replace(ptr::null_mut());
-        if let (Some(first), Some(last)) = (NonNull::new(first), NonNull::new(own.last.get())) {
-            own.count.set(0);
-            // SAFETY: the chain was this thread's own, and has been taken from its list.
-            unsafe { publish(first, last) };
-        }
-    });
-}
-
-/// Puts a chain on the shared list.
-///
-/// # Safety
-///
-/// `first` leads to `last`, and no other code has a pointer into the chain.
-unsafe fn publish(first: NonNull<Retired>, last: NonNull<Retired>) {
-    let mut before = RETIRED.load(Ordering::Relaxed);
-    loop {
-        // SAFETY: the caller owns the allocation until it is on the list.
-        unsafe { last.as_ref() }
-            .next
-            .store(before, Ordering::Relaxed);
-        match RETIRED.compare_exchange_weak(
-            before,
-            first.as_ptr(),
-            Ordering::Release,
-            Ordering::Relaxed,
-        ) {
-            Ok(_) => return,
-            Err(now) => before = now,
-        }
-    }
-}
 
 /// Frees the allocation that `head` begins: at once, or on the real-time path at the next
 /// [`collect`]. O(1).
@@ -125,25 +46,21 @@ pub unsafe fn retire(head: NonNull<Retired>) {
         // thread.
         return unsafe { free(head) };
     }
-    let is_kept = OWN.with(|own| {
-        if !own.keeps.get() || own.count.get() == MAX_OWN {
-            return false;
-        }
-        let first = own.first.replace(head.as_ptr());
-        if first.is_null() {
-            own.last.set(head.as_ptr());
-        }
+    let mut before = RETIRED.load(Ordering::Relaxed);
+    loop {
         // SAFETY: the caller has passed on the allocation, and it is on no list yet.
         unsafe { head.as_ref() }
             .next
-            .store(first, Ordering::Relaxed);
-        own.count.set(own.count.get() + 1);
-        true
-    });
-    if !is_kept {
-        // SAFETY: the caller has passed on the allocation; a chain of one leads from `head` to
-        // `head`.
-        unsafe { publish(head, head) };
+            .store(before, Ordering::Relaxed);
+        match RETIRED.compare_exchange_weak(
+            before,
+            head.as_ptr(),
+            Ordering::Release,
+            Ordering::Relaxed,
+        ) {
+            Ok(_) => return,
+            Err(now) => before = now,
+        }
     }
 }
 
@@ -159,8 +76,7 @@ pub unsafe fn free(head: NonNull<Retired>) {
     unsafe { (head.as_ref().free)(head) };
 }
 
-/// Frees all deferred allocations except those in the own lists of other threads. A panic in a drop
-/// is reported by the panic hook, and the remaining allocations are freed all the same. Not for the
+/// Frees all deferred allocations. A panic in a drop is reported by the panic hook, and the remaining allocations are freed all the same. Not for the
 /// real-time path: O(number of deferred allocations).
 #[cfg_attr(
     not(feature = "std"),
@@ -171,12 +87,6 @@ pub fn collect() {
     if luna_platform::bare::is_interrupt() {
         return;
     }
-    let own = OWN.with(|own| {
-        own.count.set(0);
-        own.first.replace(ptr::null_mut())
-    });
-    // SAFETY: the chain was this thread's own, and has been taken from its list.
-    unsafe { free_all(own) };
     if RETIRED.load(Ordering::Relaxed).is_null() {
         return;
     }
@@ -240,6 +150,14 @@ mod tests {
         unsafe { retire(NonNull::from(Box::leak(counted)).cast()) };
     }
 
+    /// Another test's `collect` may be freeing them.
+    fn until_all_are_freed(token: &Arc<()>) {
+        while Arc::strong_count(token) > 1 {
+            collect();
+            std::thread::yield_now();
+        }
+    }
+
     #[test]
     fn frees_at_once_off_the_path_and_later_on_it() {
         let token = Arc::new(());
@@ -248,58 +166,18 @@ mod tests {
 
         crate::current::set_on_path(true);
         retire_one(&token, free);
-        // The `collect` of another test frees this allocation too, but only once it is on the
-        // shared list: there are at most two references.
         crate::current::set_on_path(false);
-        collect();
-        assert_eq!(Arc::strong_count(&token), 1);
+        until_all_are_freed(&token);
     }
 
     #[test]
     fn one_whose_drop_panics_keeps_nobody() {
         let token = Arc::new(());
-        let _keeps = keep_own();
         crate::current::set_on_path(true);
         for free in [free, free_and_panic, free] {
             retire_one(&token, free);
         }
         crate::current::set_on_path(false);
-        collect();
-        assert_eq!(Arc::strong_count(&token), 1);
-    }
-
-    #[test]
-    fn what_a_thread_keeps_is_freed_by_itself_or_handed_over() {
-        let token = Arc::new(());
-        // Other threads do not free this thread's own list, whatever other tests collect.
-        let kept = || Arc::strong_count(&token) - 1;
-        // Another test may be freeing what was handed over.
-        let until_all_are_freed = || {
-            while kept() > 0 {
-                collect();
-                std::thread::yield_now();
-            }
-        };
-        let keeps = keep_own();
-        crate::current::set_on_path(true);
-        for _ in 0..3 {
-            retire_one(&token, free);
-        }
-        assert_eq!(kept(), 3);
-        collect();
-        assert_eq!(kept(), 0);
-        for _ in 0..2 {
-            retire_one(&token, free);
-        }
-        hand_over();
-        hand_over();
-        until_all_are_freed();
-        for _ in 0..2 * MAX_OWN {
-            retire_one(&token, free);
-        }
-        assert!(kept() >= MAX_OWN as usize, "the others are on the list");
-        drop(keeps);
-        crate::current::set_on_path(false);
-        until_all_are_freed();
+        until_all_are_freed(&token);
     }
 }

@@ -29,10 +29,8 @@
 //! - [`wait_list`], [`timer_queue`]: intrusive lists of waiting operations, and deadlines.
 //! - [`biased_lock`]: the lock of channels, select states and timer queues, biased towards the
 //!   executor that alone uses it.
-//! - [`deferred_free`], [`arc_cache`], [`byte_ring`]: memory off the real-time path, and bytes that
-//!   one thread writes while another reads them.
-//! - [`failover`], [`park`], [`spin`]: how threads take turns, wait and spin.
-//!   Only `src` uses [`failover`] and [`byte_ring`].
+//! - [`deferred_free`]: memory off the real-time path.
+//! - [`park`], [`spin`]: how threads wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 //! - `fetch`, `model_local` (private): prefetches, and thread-locals that a model checker sees.
 
@@ -59,15 +57,12 @@ extern crate alloc;
 #[cfg(all(test, not(feature = "std")))]
 compile_error!("the unit tests need `std`: tests without it are in the package `luna-bare`");
 
-pub mod arc_cache;
+#[cfg(not(loom))]
+mod arc_cache;
 pub mod biased_lock;
-#[cfg(feature = "std")]
-pub mod byte_ring;
 pub mod current;
 pub mod deferred_free;
 pub mod events;
-#[cfg(feature = "std")]
-pub mod failover;
 mod fetch;
 mod model_local;
 pub mod park;
@@ -105,12 +100,9 @@ mod files;
 mod interference;
 #[cfg(all(feature = "std", not(loom)))]
 mod os_thread;
-#[cfg(not(loom))]
 mod process;
 #[cfg(all(feature = "std", not(loom)))]
 mod simulation;
-#[cfg(not(loom))]
-mod task;
 #[cfg(not(loom))]
 mod yield_now;
 

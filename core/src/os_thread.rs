@@ -16,7 +16,6 @@ use luna_platform::thread::{self, Attributes, Obtained, SpawnError};
 use std::convert::Infallible;
 use std::future::Future;
 use std::pin::pin;
-use std::ptr;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -120,11 +119,9 @@ fn run_here<F: Future>(
     let _entered = current::enter_executor(executor_id, timers.clone(), true);
     // Alone on its thread it needs no way around its waker.
     let waker = park::waker(&parker);
-    let body = ptr::from_ref(&*future).addr();
-    let body = body..body + size_of::<F>();
     let priority = thread::current_policy().rank();
     let level = ProcessSpec::DEFAULT_LEVEL;
-    let process = current::Lone::new(id, priority, level, waker.clone(), body);
+    let process = current::Alone::new(id, priority, level, waker.clone());
     let mut cx = Context::from_waker(&waker);
     // It may block, and a first blocking call must not allocate.
     park::prepare();

@@ -72,16 +72,6 @@ pub(crate) struct WakeSlot {
 }
 
 impl WakeSlot {
-    /// No slot.
-    pub(crate) const NONE: WakeSlot = WakeSlot {
-        number: usize::MAX,
-        block: None,
-    };
-
-    pub(crate) fn is_taken(&self) -> bool {
-        self.number != usize::MAX
-    }
-
     /// Marks the process as woken at `level`. Wait-free: one instruction or two. The caller, which
     /// has `near` of the same owner, then signals the level.
     #[inline]

@@ -16,9 +16,9 @@
 //! ```
 
 use crate::backend::signals as backend;
+use crate::event_count::EventCount;
 use crate::forked;
 use luna_platform::clock::Instant;
-use luna_platform::event_count::EventCount;
 use std::fmt;
 use std::sync::atomic::{AtomicI32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};

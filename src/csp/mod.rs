@@ -1,6 +1,5 @@
 //! Processes and the constructs that compose them.
 
-pub(crate) mod alone;
 pub(crate) mod composition;
 pub(crate) mod named;
 pub mod par;

@@ -112,15 +112,12 @@ pub struct ViaClosure;
 )]
 pub trait IntoProcess<M> {
     #[doc(hidden)]
-    fn prepare(self) -> Prepared<impl Build>;
+    fn prepare(self) -> Prepared;
 }
 
 impl<F: Future<Output = Result<()>> + Send + 'static> IntoProcess<ViaFuture> for F {
-    fn prepare(self) -> Prepared<impl Build> {
-        Prepared {
-            resident: None,
-            build: move || self,
-        }
+    fn prepare(self) -> Prepared {
+        Prepared::of(None, move || self)
     }
 }
 
@@ -129,73 +126,52 @@ where
     C: FnOnce() -> F + Send + 'static,
     F: Future<Output = Result<()>> + 'static,
 {
-    fn prepare(self) -> Prepared<impl Build> {
-        Prepared {
-            resident: None,
-            build: self,
-        }
+    fn prepare(self) -> Prepared {
+        Prepared::of(None, self)
     }
 }
 
 impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
-    fn prepare(self) -> Prepared<impl Build> {
+    fn prepare(self) -> Prepared {
         let resident = Resident::new(self);
         let at = BodyPointer(resident.place);
-        Prepared {
-            resident: Some(Box::new(resident)),
-            build: move || {
-                let at = at;
-                // The body is dropped before the record shows that the process has ended; or the
-                // record shows that it was left, and the resident stays for ever.
-                // SAFETY: so the resident outlives the body, and does not touch the process
-                // meanwhile: this is the only access while the body lives.
-                let process: &'static mut P = unsafe { &mut *at.0 };
-                process.run()
-            },
-        }
+        Prepared::of(Some(Box::new(resident)), move || {
+            let at = at;
+            // The body is dropped before the record shows that the process has ended; or the
+            // record shows that it was left, and the resident stays for ever.
+            // SAFETY: so the resident outlives the body, and does not touch the process
+            // meanwhile: this is the only access while the body lives.
+            let process: &'static mut P = unsafe { &mut *at.0 };
+            process.run()
+        })
     }
 }
 
 /// A process that is ready to be started.
 #[doc(hidden)]
-pub struct Prepared<B> {
+pub struct Prepared {
     pub(crate) resident: Option<Box<dyn Phases>>,
-    pub(crate) build: B,
+    pub(crate) start: Box<dyn Start>,
 }
 
-/// Makes a body on the thread that it is to run on.
-#[doc(hidden)]
-pub trait Build: Send + 'static {
-    /// The body.
-    type Body: Future<Output = Result<()>> + 'static;
+impl Prepared {
+    /// `build` makes the body on the thread that it is to run on.
+    fn of<B, F>(resident: Option<Box<dyn Phases>>, build: B) -> Self
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = Result<()>> + 'static,
+    {
+        let start = Box::new(build);
+        Self { resident, start }
+    }
 
-    /// Makes it.
-    fn build(self) -> Self::Body;
-}
-
-impl<B, F> Build for B
-where
-    B: FnOnce() -> F + Send + 'static,
-    F: Future<Output = Result<()>> + 'static,
-{
-    type Body = F;
-
-    fn build(self) -> F {
-        self()
+    /// One that is to be replaced by another before it starts.
+    pub(crate) fn nothing() -> Self {
+        Self::of(None, async || Ok(()))
     }
 }
 
-impl<B: Build> Prepared<B> {
-    /// Behind a box, for where its type is not known.
-    pub(crate) fn boxed(self) -> Prepared<Box<dyn Start>> {
-        Prepared {
-            resident: self.resident,
-            build: Box::new(self.build),
-        }
-    }
-}
-
-luna_platform::debug_fields!(impl[B] Prepared<B>);
+luna_platform::debug_fields!(Prepared);
 
 /// The phases around the body.
 pub(crate) trait Phases: Send {
@@ -204,12 +180,6 @@ pub(crate) trait Phases: Send {
     /// The machine words of what the body
     /// borrows, some of which are addresses.
     fn words(&self) -> Vec<usize>;
-}
-
-/// Runs `pre_run`. Its panic is an error as any other.
-pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
-    panics::catch(|| resident.pre_run())
-        .unwrap_or_else(|payload| Err(Error::Panicked(luna_core::panic_message(&*payload))))
 }
 
 /// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic
@@ -286,41 +256,23 @@ pub(crate) trait Start: Send {
         self: Box<Self>,
         executor: &ExecutorHandle,
         spec: ProcessSpec,
-        frame: Frame,
+        common: Arc<Common>,
     ) -> (Announced, ProcessHandle);
 }
 
-impl<B: Build> Start for B {
+impl<B, F> Start for B
+where
+    B: FnOnce() -> F + Send + 'static,
+    F: Future<Output = Result<()>> + 'static,
+{
     fn announce(
         self: Box<Self>,
         executor: &ExecutorHandle,
         spec: ProcessSpec,
-        frame: Frame,
+        common: Arc<Common>,
     ) -> (Announced, ProcessHandle) {
-        announce(Room::Boxed(self), executor, spec, frame)
+        executor.announce(spec, move || Supervised::make(*self, &common))
     }
-}
-
-/// Where a builder waits to be called. One type for both, so that there is one way to a body's
-/// poll: the compiler can put the body into it.
-pub(crate) enum Room<B> {
-    Plain(B),
-    /// Moved no more often than a plain one.
-    Boxed(Box<B>),
-}
-
-/// Announces a body on an executor.
-pub(crate) fn announce<B: Build>(
-    builder: Room<B>,
-    executor: &ExecutorHandle,
-    spec: ProcessSpec,
-    frame: Frame,
-) -> (Announced, ProcessHandle) {
-    let build = || match builder {
-        Room::Plain(builder) => builder.build(),
-        Room::Boxed(builder) => (*builder).build(),
-    };
-    executor.announce(spec, move || Supervised::make(build, frame))
 }
 
 /// What the bodies of one system have in common.
@@ -340,6 +292,15 @@ thread_local! {
 }
 
 impl Common {
+    /// Runs `pre_run` where loops and signals that are made are the system's. Its panic is an error
+    /// as any other.
+    pub(crate) fn prepare(&self, resident: &mut dyn Phases) -> Result<()> {
+        let _scope = self.scope.clone().enter_until_dropped(true);
+        let _log = self.log.enter();
+        panics::catch(|| resident.pre_run())
+            .unwrap_or_else(|payload| Err(Error::Panicked(luna_core::panic_message(&*payload))))
+    }
+
     /// Makes this what the calling thread's bodies have in common.
     pub(super) fn enter_thread(self: &Arc<Self>) {
         let is_entered = |entered: &Option<Arc<Self>>| {
@@ -366,7 +327,3 @@ impl Common {
         }
     }
 }
-
-/// What a body needs to enter the thread that it runs on: `None` for a body that is made there, by
-/// one of the same executor, which has entered it.
-pub(crate) type Frame = Option<Arc<Common>>;

@@ -1,17 +1,22 @@
 //! A process' body as an executor polls it: with the failures that the framework finds in it.
 
-use super::process::{Common, Frame};
-use crate::csp::alone;
+use super::process::Common;
 use crate::error::{Error, Result};
+use crate::notice::notice;
+use crate::system::deadlock::{Sleeping, find};
 use crate::time::{LoopName, Scope};
+use luna_channels::inspect::wait_points;
 use luna_core::ExitValue;
-use luna_core::{current, events};
+use luna_core::current::{self, ProcessId};
+use luna_events as events;
 use std::cell::Cell;
 use std::future::Future;
 use std::hint::cold_path;
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll};
+use std::time::Duration;
 
 /// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an
 /// error.
@@ -31,9 +36,6 @@ impl Verdict {
 
     fn failure(ended: Ended) -> Self {
         events::note_failure();
-        // The failure is to be reported soon; the process' own end notifies only threads that wait
-        // for any end.
-        Common::with(|common| common.registry.announce_next());
         Self(Some(ended))
     }
 }
@@ -85,11 +87,9 @@ pub(crate) struct Supervised<F> {
 
 impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
-    pub(super) fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
-        if let Some(common) = frame {
-            common.enter_thread();
-            common.log.enter_executor();
-        }
+    pub(super) fn make(make: impl FnOnce() -> F, common: &Arc<Common>) -> Self {
+        common.enter_thread();
+        common.log.enter_executor();
         let alarm = Alarm;
         let body = make();
         std::mem::forget(alarm);
@@ -183,6 +183,35 @@ pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
             None => polled.map(Ok),
         }
     });
-    luna_core::block_on_patiently(body, alone::PATIENCE, alone::report_if_stuck)?
-        .map_err(Error::from)?
+    luna_core::block_on_patiently(body, PATIENCE, report_if_stuck)?.map_err(Error::from)?
+}
+
+/// How long it waits before it prints. A thread that has not used its end yet may be about to:
+/// channels are not marked here.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Prints what `process` waits for, if no other thread is known to use that; returns whether it was
+/// printed.
+fn report_if_stuck(process: ProcessId) -> bool {
+    let body = Sleeping {
+        id: process,
+        name: "main".into(),
+        has_ended: false,
+        joiners: Vec::new(),
+    };
+    let mut points = wait_points();
+    for wait_point in &mut points {
+        // The wait has covered unknown parties, and the result is only printed.
+        wait_point.strangers = false;
+    }
+    let Some(found) = find("", &[body], &points, |_| false, |_, _| false) else {
+        return false;
+    };
+    let mut text =
+        String::from("luna: the body of luna::run waits, and nothing that it knows of can wake it");
+    for wait in found.waits {
+        text.push_str(&format!("\n  {wait}"));
+    }
+    notice!("{text}");
+    true
 }

@@ -16,10 +16,12 @@ use super::emergency::Emergency;
 use super::state::{Cause, Degree};
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
-use luna_machine::memory;
-use luna_machine::parent::{ParentWatch, outlive_requests};
-use luna_machine::signals;
-use luna_platform::thread::{Attributes, EMERGENCY_PRIORITY, Policy, apply_to_current};
+use luna_machine::parent::{ParentWatch, Watched, outlive_requests};
+use luna_machine::{memory, signals};
+use luna_platform::thread::{
+    self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread, apply_to_current,
+};
+use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -334,6 +336,61 @@ impl Drop for GuardianWatch {
         if let Some(reader) = self.reader.take() {
             // It holds no user data.
             let _ = reader.join();
+        }
+    }
+}
+
+/// The thread that waits for the parent's death. Dropping it ends it.
+pub(crate) struct ParentThread {
+    watch: Arc<ParentWatch>,
+    thread: Option<Thread<()>>,
+}
+
+impl ParentThread {
+    /// Starts it. A machine that does not support it is an error if that `is_strict`, else a
+    /// notice.
+    pub(crate) fn start(
+        emergency: Arc<Emergency>,
+        policy: Policy,
+        is_strict: bool,
+    ) -> Result<Option<Self>> {
+        let watch = match ParentWatch::new() {
+            Ok(watch) => Arc::new(watch),
+            Err(error) => {
+                let error = Error::from(SetupError::system(format!(
+                    "the parent process cannot be watched: {error}; Linux 5.3 or later can (pidfd_open(2))"
+                )));
+                if is_strict {
+                    return Err(error);
+                }
+                notice!("luna: {error}");
+                return Ok(None);
+            }
+        };
+        let own = watch.clone();
+        let thread = thread::spawn(
+            Attributes::framework("luna-parent", policy).stack_size(MINIMUM_STACK_SIZE),
+            |_| Ok::<_, Infallible>(()),
+            move |()| {
+                if own.wait() == Watched::HasEnded {
+                    emergency.trigger(Cause::ParentDied);
+                }
+            },
+        )
+        .map_err(|error| Error::not_started("the watch of the parent process", error))?;
+        Ok(Some(Self {
+            watch,
+            thread: Some(thread),
+        }))
+    }
+}
+
+impl Drop for ParentThread {
+    fn drop(&mut self) {
+        self.watch.stop();
+        if let Some(thread) = self.thread.take() {
+            // It holds no user data.
+            let _ = thread.join();
         }
     }
 }

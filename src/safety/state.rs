@@ -4,7 +4,7 @@
 use crate::error::Error;
 use crate::log::Log;
 use luna_core::current::{self, ProcessId};
-use luna_core::events::code;
+use luna_events::code;
 use luna_machine::signals;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;

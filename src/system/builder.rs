@@ -6,8 +6,7 @@ use super::plan::{Placement, Plan};
 use crate::error::{Result, SetupError};
 use luna_config::deployment::Deployment;
 use luna_core::ProcessHandle;
-use luna_core::arc_cache::ArcCache;
-use luna_core::current::{self, ProcessId};
+use luna_core::current::ProcessId;
 use luna_machine::facts::{Source, parse::core_list};
 use luna_platform::thread::{Attributes, Policy};
 use std::sync::Arc;
@@ -162,24 +161,6 @@ impl ExecutorBuilder {
     }
 }
 
-thread_local! {
-    /// What spawns on this thread referred to the system by.
-    static SPARE_PLANS: ArcCache<Plan> = const { ArcCache::new() };
-}
-
-/// Keeps a reference to a system that runs for the next spawn: on a thread that runs processes,
-/// which ends some time. What waits to be started does not wait for that.
-fn spare(system: Arc<Plan>) {
-    if current::executor_id().is_some() {
-        SPARE_PLANS.with(|spare| {
-            if !spare.keeps(&system) {
-                spare.keep(&system);
-            }
-            spare.give_back(system);
-        });
-    }
-}
-
 /// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow
 /// the system, so processes can keep one to spawn others.
 #[derive(Clone)]
@@ -191,8 +172,11 @@ pub struct Executor {
 impl Executor {
     /// A process to be, on this executor.
     pub fn process(&self, name: impl AsRef<str>) -> ProcessBuilder {
-        let plan = SPARE_PLANS.with(|spare| spare.another(&self.plan));
-        ProcessBuilder::new(plan, name.as_ref(), Placement::Executor(self.number))
+        ProcessBuilder::new(
+            self.plan.clone(),
+            name.as_ref(),
+            Placement::Executor(self.number),
+        )
     }
 
     /// A spawned process of this system, from when it runs. Not for the real-time path, as

@@ -91,9 +91,9 @@ pub(super) fn parts(members: &Members) -> Vec<ThreadPart> {
     let planned = members.executors.iter().map(ThreadPart::executor);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
-        let known = member.known();
-        let part = part(member.name(), id, known.state, known.priority);
-        (part, member.on())
+        let handle = &member.handle;
+        let part = part(member.name(), id, handle.state(), handle.priority());
+        (part, member.on.clone())
     });
     let waiting = members.waiting.iter().map(|process| {
         let priority = process.spec.priority();

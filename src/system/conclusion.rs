@@ -92,14 +92,14 @@ pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool)
 /// Keeps what the bodies on detached threads refer to, and names those that are not cleaned up.
 fn keep_residents_left_behind(started: &mut Register) {
     for left_behind in started.left_behind() {
-        if left_behind.known().state == ProcessState::Running {
+        if left_behind.handle.state() == ProcessState::Running {
             notice!(
                 "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
                 left_behind.name()
             );
         }
         // Its body still exists, on the detached thread, and refers to them.
-        std::mem::forget(left_behind.take_resident());
+        std::mem::forget(left_behind.resident.take());
     }
 }
 

@@ -26,7 +26,6 @@ pub(crate) mod deadlock;
 mod deployment;
 mod launch;
 mod neighbours;
-mod pending_errors;
 pub(crate) mod plan;
 mod quiescence;
 mod reaper;

@@ -9,7 +9,7 @@ use super::deadlock::{Sleeping, find};
 use super::plan::{Plan, Running};
 use luna_channels::inspect::wait_points;
 use luna_core::current::ProcessId;
-use luna_core::{ProcessHandle, ProcessState, Quiescent};
+use luna_core::{ProcessState, Quiescent};
 use luna_error::Deadlock;
 use luna_platform::clock::Instant;
 use std::collections::{HashMap, HashSet};
@@ -100,7 +100,7 @@ impl Found {
 fn polls(plan: &Plan) -> u64 {
     let started = &plan.members().started;
     let each = started.in_order().into_iter();
-    let of_each: u64 = each.map(|(_, member)| member.known().polls).sum();
+    let of_each: u64 = each.map(|(_, member)| member.handle.polls()).sum();
     of_each + started.earlier().polls
 }
 
@@ -140,7 +140,7 @@ fn judge(plan: &Plan, running: &Running, quiescent: &Quiescent) -> Option<Found>
 fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
     let members = plan.members();
     let all = members.started.in_order().into_iter();
-    let live = all.filter(|(_, member)| !member.is_reaped());
+    let live = all.filter(|(_, member)| !member.is_reaped);
     live.map(|(id, member)| (id, member.words().into_iter().collect()))
         .collect()
 }
@@ -150,19 +150,16 @@ fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
 fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
     let members = plan.members();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
-        let has_ended = match member.known().state {
-            ProcessState::Ended if member.is_reaped() => true,
+        let has_ended = match member.handle.state() {
+            ProcessState::Ended if member.is_reaped => true,
             ProcessState::Waiting => false,
             _ => return None,
         };
         Some(Sleeping {
             id,
-            name: std::sync::Arc::from(&**member.name()),
+            name: std::sync::Arc::from(member.name()),
             has_ended,
-            joiners: member
-                .kept()
-                .map(ProcessHandle::joiners)
-                .unwrap_or_default(),
+            joiners: member.handle.joiners(),
         })
     });
     started.collect()

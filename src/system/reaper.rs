@@ -1,7 +1,7 @@
 //! Sees to processes that have ended, on the thread that runs the system.
 
-use super::pending_errors::PendingErrors;
 use super::plan::{Plan, Running};
+use super::warnings::PendingErrors;
 use crate::csp::process::clean_up;
 use luna_core::{current, deferred_free};
 use luna_platform::clock::Instant;

@@ -6,9 +6,6 @@
 //! that were spawned on an executor while the system ran, only the last that ended are kept; the
 //! rest is counted.
 
-mod by_id;
-
-use self::by_id::ById;
 use super::plan::Member;
 use crate::csp::process::{Common, Phases};
 use crate::csp::supervised::{Ended, Verdict};
@@ -17,7 +14,7 @@ use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
 use luna_core::current::ProcessId;
 use luna_core::{Exit, Name, ProcessHandle};
-use rustc_hash::FxHashSet;
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 
 /// Default number of ended processes that are remembered.
@@ -54,7 +51,7 @@ impl First {
 
 #[derive(Default)]
 pub(crate) struct Register {
-    members: ById<Member>,
+    members: FxHashMap<ProcessId, Member>,
     names: FxHashSet<Name>,
     /// Number of processes ever started: the next one's place in the order. From four billion on
     /// all have the same place.
@@ -98,12 +95,12 @@ impl Register {
     pub(super) fn enter(&mut self, id: ProcessId, mut member: Member, emergency: &Emergency) {
         member.order = self.started;
         self.started = self.started.saturating_add(1);
-        if member.ledger().is_some() {
+        if member.ledger.is_some() {
             self.monitored.insert((member.order, id));
         }
         self.members.insert(id, member);
         if !self.premature.is_empty() && self.premature.remove(&id) {
-            drop(self.note_end(id, emergency));
+            self.note_end(id, emergency);
         }
     }
 
@@ -117,21 +114,21 @@ impl Register {
     pub(super) fn note_ends(&mut self, common: &Common) {
         let emergency = &common.emergency;
         let registry = &common.registry;
-        registry.take_ended(|one| self.note_reported(one, emergency));
+        registry.take_ended(|one| self.note_end(one.id(), emergency));
     }
 
     /// Looks at all processes that live: some may have ended and not been reported yet. O(their
     /// number).
     pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
         self.count_looks(self.members.len());
-        let have_ended = |(id, one): (ProcessId, &Member)| {
-            let has_ended = !one.is_reaped() && one.known().exit.is_some();
-            has_ended.then_some((one.order, id))
+        let have_ended = |(id, one): (&ProcessId, &Member)| {
+            let has_ended = !one.is_reaped && one.handle.exit().is_some();
+            has_ended.then_some((one.order, *id))
         };
         let mut ended: Vec<_> = self.members.iter().filter_map(have_ended).collect();
         ended.sort_unstable();
         for (_, id) in ended {
-            drop(self.note_end(id, emergency));
+            self.note_end(id, emergency);
         }
     }
 
@@ -139,7 +136,7 @@ impl Register {
     pub(super) fn note_last_ends(&mut self, common: &Common) {
         let emergency = &common.emergency;
         let registry = &common.registry;
-        registry.close_ended(|one| self.note_reported(one, emergency));
+        registry.close_ended(|one| self.note_end(one.id(), emergency));
     }
 
     /// Whether any end was noted since the last call.
@@ -147,52 +144,23 @@ impl Register {
         std::mem::take(&mut self.has_news)
     }
 
-    /// Frees the process' memory if no handle is left, also in the turn of a process that spawns.
-    #[inline]
-    fn note_reported(&mut self, ended: ProcessHandle, emergency: &Emergency) {
-        if let Some(kept) = self.note_end(ended.id(), emergency) {
-            kept.drop_with(ended);
-        }
-    }
-
-    /// Gives the handle of the process, if it is kept no more. No user code is dropped with it.
-    fn note_end(&mut self, id: ProcessId, emergency: &Emergency) -> Option<ProcessHandle> {
+    /// Notes an end: what is left of the process, its error, its cleanup, and the notifications of
+    /// its end.
+    fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
         self.count_looks(1);
-        let Some(member) = self.members.get_mut(id) else {
+        let Some(member) = self.members.get_mut(&id) else {
             // Otherwise its end was noted before it was reported.
             if !self.forgotten.contains(id.get()) {
                 self.premature.insert(id);
             }
-            return None;
+            return;
         };
-        if member.reap() {
-            return None;
+        if std::mem::replace(&mut member.is_reaped, true) {
+            return;
         }
         self.has_news = true;
-        let may_be_forgotten = member.may_be_forgotten();
-        // Most ends leave no further work.
-        let kept = member.forget_completed();
-        let kept = kept.or_else(|| self.see_to(id, emergency));
-        if may_be_forgotten {
-            self.ended.push_back(id);
-            // Two, to make up for one that is kept for its news.
-            for _ in 0..2 {
-                if self.ended.len() > self.most_ended {
-                    self.forget_one();
-                }
-            }
-        }
-        kept
-    }
-
-    /// Handles what is left of a process that has ended: its error, its cleanup, and the
-    /// notifications of its end.
-    #[cold]
-    fn see_to(&mut self, id: ProcessId, emergency: &Emergency) -> Option<ProcessHandle> {
-        let member = self.members.get_mut(id)?;
-        let handle = member.kept()?;
-        let exit = handle.exit();
-        let said = handle.take_exit_value::<Verdict>();
+        let exit = member.handle.exit();
+        let said = member.handle.take_exit_value::<Verdict>();
         let said = said.and_then(|verdict| verdict.0);
         // A panicking process has triggered the emergency already, unless the panic was in the
         // thread around the body.
@@ -200,14 +168,13 @@ impl Register {
             emergency.trigger(Cause::Panic);
         }
         let ended_for_overrun = exit == Some(Exit::Cancelled)
-            && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
+            && (member.ledger.as_ref()).is_some_and(|ledger| ledger.is_sentenced());
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
-        let (order, resident) = (member.order, member.take_resident());
-        let of = resident
-            .is_some()
-            .then(|| (order, member.name().to_string()));
-        let kept = member.forget_body();
+        let (order, resident) = (member.order, member.resident.take());
+        let of = (resident.is_some()).then(|| (order, member.name().to_owned()));
+        member.handle.forget_body();
+        let may_be_forgotten = member.may_be_forgotten();
         if let Some(error) = &error {
             self.first_error.keep(order, error);
             if is_panic(error) {
@@ -223,7 +190,15 @@ impl Register {
                 forgotten: None,
             });
         }
-        kept
+        if may_be_forgotten {
+            self.ended.push_back(id);
+            // Two, to make up for one that is kept for its news.
+            for _ in 0..2 {
+                if self.ended.len() > self.most_ended {
+                    self.forget_one();
+                }
+            }
+        }
     }
 
     /// Forgets the remembered process that ended first.
@@ -231,10 +206,10 @@ impl Register {
         let Some(id) = self.ended.pop_front() else {
             return;
         };
-        let Some(member) = self.members.remove(id) else {
+        let Some(member) = self.members.remove(&id) else {
             return;
         };
-        if let Some(ledger) = member.ledger() {
+        if let Some(ledger) = &member.ledger {
             if ledger.has_news() || ledger.emergency().is_some() {
                 // There is something to be reported of it yet.
                 self.members.insert(id, member);
@@ -244,18 +219,16 @@ impl Register {
             self.monitored.remove(&(member.order, id));
         }
         if !member.shares_name {
-            self.names.remove(member.name());
+            self.names.remove(member.handle.as_name());
         }
-        let overruns = member.ledger().map_or(0, |ledger| {
+        let overruns = member.ledger.as_ref().map_or(0, |ledger| {
             ledger.reports().iter().map(|one| one.overruns).sum()
         });
         self.earlier.count(&member, overruns);
         self.forgotten.insert(id.get());
-        if member.has_failed
-            && let Some(handle) = member.kept()
-        {
+        if member.has_failed {
             self.reaped.push_back(Reaped {
-                forgotten: Some(handle.clone()),
+                forgotten: Some(member.handle),
                 ..Reaped::default()
             });
         }
@@ -268,11 +241,11 @@ impl Register {
 
     #[inline]
     pub(super) fn handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members.get(id).map(|member| member.handle(id))
+        self.members.get(&id).map(|member| member.handle.clone())
     }
 
     pub(crate) fn name(&self, id: ProcessId) -> Option<&str> {
-        self.members.get(id).map(|member| &**member.name())
+        self.members.get(&id).map(Member::name)
     }
 
     /// Whether a process of this number has ended and was forgotten.
@@ -283,7 +256,7 @@ impl Register {
     /// All remembered processes, in the order of their start. O(n log n).
     pub(super) fn in_order(&self) -> Vec<(ProcessId, &Member)> {
         self.count_looks(self.members.len());
-        let mut all: Vec<_> = self.members.iter().collect();
+        let mut all: Vec<_> = self.members.iter().map(|(id, one)| (*id, one)).collect();
         all.sort_unstable_by_key(|(_, one)| one.order);
         all
     }
@@ -294,21 +267,19 @@ impl Register {
         let members = &self.members;
         self.monitored
             .iter()
-            .filter_map(|(_, id)| Some((*id, members.get(*id)?)))
+            .filter_map(|(_, id)| Some((*id, members.get(id)?)))
     }
 
     /// The processes that have no known end.
     pub(super) fn left_behind(&mut self) -> impl Iterator<Item = &mut Member> {
         self.count_looks(self.members.len());
-        self.members
-            .values_mut()
-            .filter(|member| !member.is_reaped())
+        self.members.values_mut().filter(|member| !member.is_reaped)
     }
 
     /// The overrun that ends the system, if one does, with the process that caused it.
     pub(super) fn overrun(&self) -> Option<Error> {
         self.monitored().find_map(|(_, member)| {
-            let offence = member.ledger()?.emergency()?;
+            let offence = member.ledger.as_ref()?.emergency()?;
             Some(offence.in_process(member.name()))
         })
     }
@@ -339,7 +310,7 @@ impl Register {
             + self.premature.len()
             + self.reaped.len()
             + self.ended.len()
-            + self.forgotten.len()
+            + self.forgotten.0.len()
     }
 }
 
@@ -348,7 +319,7 @@ fn is_panic(error: &Error) -> bool {
 }
 
 fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
-    let offence = member.ledger().and_then(|ledger| ledger.offence());
+    let offence = (member.ledger.as_ref()).and_then(|ledger| ledger.offence());
     let error = match (exit, said) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
         (Exit::Cancelled, _) => offence.unwrap_or(Error::Cancelled),
@@ -360,76 +331,38 @@ fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
 }
 
 fn process_report(member: &Member) -> ProcessReport {
-    let known = member.known();
+    let handle = &member.handle;
     ProcessReport {
-        name: member.name().to_string(),
-        exit: known.exit,
+        name: member.name().to_owned(),
+        exit: handle.exit(),
         failed: member.has_failed,
-        polls: known.polls,
-        longest_poll: known.longest_poll,
-        budgets: member
-            .ledger()
+        polls: handle.polls(),
+        longest_poll: handle.longest_poll(),
+        budgets: (member.ledger.as_ref())
             .map(|ledger| ledger.reports())
             .unwrap_or_default(),
     }
 }
 
-/// A set of numbers as ranges, each from its first to its last: processes that come and go leave
-/// few ranges.
+/// A set of numbers as ranges, by their first numbers, each with its last: processes that come and
+/// go leave few ranges. A range has no gaps, and there is a gap between two ranges.
 #[derive(Default)]
-struct Numbers {
-    /// First to last number. A range has no gaps, and there is a gap between two ranges.
-    stretches: BTreeMap<u32, u32>,
-    /// The range that grows: most numbers follow the one before.
-    latest: Option<(u32, u32)>,
-}
+struct Numbers(BTreeMap<u32, u32>);
 
 impl Numbers {
     fn insert(&mut self, number: u32) {
-        match &mut self.latest {
-            Some((_, last)) if last.checked_add(1) == Some(number) => *last = number,
-            _ => {
-                self.close();
-                self.latest = Some((number, number));
-            }
+        let after = number.checked_add(1).and_then(|next| self.0.remove(&next));
+        let last = after.unwrap_or(number);
+        match self.0.range_mut(..=number).next_back() {
+            Some((_, end)) if *end >= number => {}
+            Some((_, end)) if *end + 1 == number => *end = last,
+            _ => drop(self.0.insert(number, last)),
         }
-    }
-
-    /// Moves the latest range to the others.
-    fn close(&mut self) {
-        let Some((mut first, mut last)) = self.latest.take() else {
-            return;
-        };
-        if let Some((&before, &its_last)) = self.stretches.range(..=first).next_back()
-            && its_last.saturating_add(1) >= first
-        {
-            first = before;
-            last = last.max(its_last);
-        }
-        while let Some((&next, &its_last)) = self
-            .stretches
-            .range(first..=last.saturating_add(1))
-            .next_back()
-            .filter(|(next, _)| **next != first)
-        {
-            self.stretches.remove(&next);
-            last = last.max(its_last);
-        }
-        self.stretches.insert(first, last);
     }
 
     fn contains(&self, number: u32) -> bool {
-        let is_latest = self
-            .latest
-            .is_some_and(|(first, last)| (first..=last).contains(&number));
-        let before = self.stretches.range(..=number).next_back();
-        is_latest || before.is_some_and(|(_, &last)| last >= number)
-    }
-
-    /// Number of ranges.
-    #[cfg(test)]
-    fn len(&self) -> usize {
-        self.stretches.len() + usize::from(self.latest.is_some())
+        let before = self.0.range(..=number).next_back();
+        before.is_some_and(|(_, &last)| last >= number)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Stand-ins: other bodies for processes that are declared with their channel ends, chosen by name.
 
-use crate::csp::process::{IntoProcess, Prepared, Start};
+use crate::csp::process::{IntoProcess, Prepared};
 use crate::error::SetupError;
 use std::any::{Any, TypeId, type_name};
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ pub(super) struct StandIn {
     pub(super) prepare: Box<Prepare>,
 }
 
-type Prepare = dyn FnOnce(Box<dyn Any>) -> Prepared<Box<dyn Start>> + Send;
+type Prepare = dyn FnOnce(Box<dyn Any>) -> Prepared + Send;
 
 impl StandIns {
     pub(super) fn add<E: Send + 'static, M, P: IntoProcess<M>>(
@@ -50,7 +50,7 @@ impl StandIns {
                 let Ok(ends) = ends.downcast() else {
                     unreachable!("its type was compared")
                 };
-                body(*ends).prepare().boxed()
+                body(*ends).prepare()
             }),
         };
         self.waiting.insert(process.to_owned(), stand_in);

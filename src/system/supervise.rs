@@ -3,13 +3,12 @@
 use super::announcement::Announcement;
 use super::conclusion::{Ended, conclude};
 use super::launch::{Launched, launch};
-use super::pending_errors::PendingErrors;
 use super::plan::{Members, Phase, Plan, Running};
 use super::quiescence::Lookout;
 use super::reaper::{Reaper, wait_until};
 use super::stolen::{Stolen, Window};
 use super::system_threads::{SystemThreads, note_limits};
-use super::warnings::{Warnings, announce_shortfalls};
+use super::warnings::{PendingErrors, Warnings, announce_shortfalls};
 use crate::error::{Error, Result, SetupError};
 use crate::notice::notice;
 use crate::report::{Report, StampReport};
@@ -17,11 +16,12 @@ use crate::safety::{Cause, EmergencyThread};
 use crate::time::ManagerThread;
 use luna_config::parameters::FileWatch;
 use luna_core::current;
-use luna_core::events::code;
 use luna_error::Deadlock;
+use luna_events::code;
 use luna_machine::facts::Source;
+use luna_machine::threads::above_users;
 use luna_platform::clock::{Clock, Instant, nanos};
-use luna_platform::thread::{HandlerStack, Obtained, above_users};
+use luna_platform::thread::{HandlerStack, Obtained};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -235,8 +235,8 @@ fn end(
 /// noted. Returns when to look again, and whether one was found for the first time.
 fn look_for_overdue(members: &Members, now: Instant) -> (Instant, bool) {
     let ledgers = members.started.monitored();
-    let running = ledgers.filter(|(_, member)| !member.is_reaped());
-    let looks = running.filter_map(|(_, member)| Some(member.ledger()?.look(now)));
+    let running = ledgers.filter(|(_, member)| !member.is_reaped);
+    let looks = running.filter_map(|(_, member)| Some(member.ledger.as_ref()?.look(now)));
     let (next, is_overdue) = looks.fold((Instant::NEVER, false), |all, one| {
         (all.0.min(one.0), all.1 | one.1)
     });

@@ -2,11 +2,13 @@
 //! The path of an overrun only raises a flag, and rings if the flag was not raised before.
 
 use super::plan::{Members, Plan};
+use crate::error::Error;
 use crate::notice::notice;
 use luna_core::Executor;
 use luna_core::current::ProcessId;
+use luna_machine::shortfall::{LatencyRefusal, Means, MemoryRefusal, PolicyRefusal, Shortfall};
 use luna_platform::clock::Instant;
-use luna_platform::shortfall::{LatencyRefusal, Means, MemoryRefusal, PolicyRefusal, Shortfall};
+use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
 use std::time::Duration;
 
@@ -27,7 +29,7 @@ impl Warnings {
         let mut next = Instant::NEVER;
         self.said.retain(|_, said| now < *said + PAUSE);
         for (id, member) in members.started.monitored() {
-            let Some(ledger) = member.ledger() else {
+            let Some(ledger) = &member.ledger else {
                 continue;
             };
             if !ledger.has_news() {
@@ -46,7 +48,7 @@ impl Warnings {
     /// What has not been reported yet, at the end.
     pub(super) fn rest(members: &Members) -> Vec<String> {
         let with_news = members.started.monitored().filter_map(|(_, member)| {
-            let ledger = member.ledger()?;
+            let ledger = member.ledger.as_ref()?;
             ledger.has_news().then(|| take_lines(member.name(), ledger))
         });
         with_news.flatten().collect()
@@ -80,14 +82,13 @@ pub(super) fn announce_shortfalls(
     let of_all = of_executors.chain(of_threads).flat_map(|(name, obtained)| {
         obtained
             .into_iter()
-            .flat_map(|got| &got.shortfalls)
-            .map(move |one| (name, one))
+            .flat_map(|got| &got.refusals)
+            .map(move |one| (name, Shortfall::of(one)))
     });
-    let all: Vec<_> = of_system
-        .iter()
-        .map(|one| ("system", one))
-        .chain(of_all)
-        .collect();
+    let of_all: Vec<_> = of_all.collect();
+    let of_all = of_all.iter().map(|(name, one)| (*name, one));
+    let of_system = of_system.iter().map(|one| ("system", one));
+    let all: Vec<_> = of_system.chain(of_all).collect();
     for line in lines_about(&all, Means::here().is_root()) {
         notice!("luna: {line}");
     }
@@ -138,10 +139,60 @@ fn without_privilege(shortfall: &Shortfall) -> Option<&'static str> {
     }
 }
 
+/// How long an error waits for the end of the run.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+struct Pending {
+    due: Instant,
+    error: Error,
+    /// Made at once, since the user's code may make it, which may panic. At the end nothing may.
+    text: String,
+}
+
+/// In the order in which they came. On the thread that runs the system alone.
+#[derive(Default)]
+pub(super) struct PendingErrors(RefCell<Vec<Pending>>);
+
+impl PendingErrors {
+    pub(super) fn add(&self, error: &Error) {
+        let pending = Pending {
+            due: Instant::now() + PATIENCE,
+            error: error.clone(),
+            text: error.to_string(),
+        };
+        self.0.borrow_mut().push(pending);
+    }
+
+    /// Reports those for which the run has not ended in time; gives when to come again.
+    pub(super) fn report_due(&self) -> Instant {
+        if self.0.borrow().is_empty() {
+            return Instant::NEVER;
+        }
+        let now = Instant::now();
+        let mut due = self.0.take();
+        let later = due.split_off(due.partition_point(|one| one.due <= now));
+        let next = later.first().map_or(Instant::NEVER, |next| next.due);
+        self.0.replace(later);
+        for Pending { text, .. } in due {
+            notice!("luna: {text}");
+        }
+        next
+    }
+
+    /// The run has ended: reports all but the error that it returns.
+    pub(super) fn settle(&self, returned: Option<&Error>) {
+        for Pending { error, text, .. } in self.0.take() {
+            if Some(&error) != returned {
+                notice!("luna: {text}");
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use luna_platform::shortfall::{CoreRefusal, SpinRefusal};
+    use luna_machine::shortfall::{CoreRefusal, SpinRefusal};
     use luna_platform::thread::Policy;
 
     fn policy(asked: Policy) -> Shortfall {

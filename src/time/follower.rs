@@ -1,7 +1,7 @@
 //! A loop that follows another computer's tick: a phase-locked loop over [`Periodic::correct`].
 
-use super::distribution::Distribution;
 use super::period::period_nanos;
+use super::statistics::Distribution;
 use super::{Cycle, Instant, Periodic};
 use crate::error::Result;
 use luna_platform::clock::nanos;

@@ -3,11 +3,11 @@
 use super::accounting::{Accounting, UsageSince};
 use super::late_cycle::{LateCycle, RanInstead, StolenTime};
 use luna_core::current::{ProcessId, User};
-use luna_core::events::{
-    self,
+use luna_core::{Interference, Turn};
+use luna_events::{
+    self as events,
     code::{self, late},
 };
-use luna_core::{Interference, Turn};
 use luna_platform::clock::{Clock, Instant, nanos};
 use std::time::Duration;
 

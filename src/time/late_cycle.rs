@@ -1,7 +1,7 @@
 //! The text of a report about a late cycle.
 
 use super::accounting::{UsageSince, short};
-use luna_core::events::code::late;
+use luna_events::code::late;
 use luna_platform::clock::{Instant, nanos};
 use std::fmt;
 use std::time::Duration;

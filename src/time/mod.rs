@@ -26,8 +26,6 @@
 //! ```
 
 pub(crate) mod accounting;
-mod conversion;
-pub(crate) mod distribution;
 mod follower;
 mod grid;
 mod late;
@@ -39,11 +37,9 @@ mod registry;
 mod spin;
 pub(crate) mod stamp;
 pub(crate) mod statistics;
-mod ticks;
 mod timer;
 
 pub(crate) use accounting::{Accounting, UsageSince, short};
-pub use conversion::Conversion;
 pub use follower::{FollowState, Followed, Follower, LeaderTick};
 pub(crate) use late::Witness;
 pub(crate) use late_cycle::StolenTime;
@@ -55,6 +51,5 @@ pub use manager::{Firing, TimerCallback, TimerManager, Timers};
 pub(crate) use manager::{MAX_CALLBACKS, Manager, ManagerThread};
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};
-pub use stamp::{Stamp, StampClock, StampError, StampSource, StampState};
-pub use ticks::{NextTick, Tick, Ticks, ticks};
-pub use timer::{Expiry, Timer};
+pub use stamp::{Conversion, Stamp, StampClock, StampError, StampSource, StampState};
+pub use timer::{Expiry, NextTick, Tick, Ticks, Timer, ticks};

@@ -11,7 +11,7 @@ use super::statistics::Statistics;
 use crate::error::{Result, SetupError};
 use crate::safety::CycleWatch;
 use luna_config::parameters::Reader;
-use luna_core::events;
+use luna_events as events;
 use luna_platform::clock::Instant;
 use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;

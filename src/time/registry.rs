@@ -9,7 +9,7 @@ use luna_config::deployment::Deployment;
 use luna_config::parameters::{Reader, Store};
 use luna_core::ProcessRegistry;
 use luna_core::current;
-use luna_core::events::{self, Kind};
+use luna_events::{self as events, Kind};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};

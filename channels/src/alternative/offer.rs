@@ -4,7 +4,6 @@ use super::after::After;
 use super::guard::{Guard, RawGuard, Terms};
 use super::when::{Due, When};
 use crate::barrier::SyncOp;
-use crate::call::CallOp;
 use crate::operation::{Direction, Operation};
 use crate::wait_point::{WaitPoint, Waiting};
 use crate::waiter::Waiter;
@@ -69,7 +68,6 @@ offered! {
     [] After;
     ['a] SyncOp<'a>;
     [D: Due] When<D>;
-    ['a, Q, A] CallOp<'a, Q, A>;
     ['a, T, D: Direction<T>] Operation<'a, T, D>;
 }
 

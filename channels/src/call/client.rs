@@ -1,20 +1,19 @@
 //! The calling end.
 
 use super::{CallError, Message};
-use crate::alternative::{Attempt, Guard, RawGuard, Terms, own_seed};
+use crate::core::{Attempted, ChannelGuard};
 use crate::ended::Ended;
-use crate::error::SendError;
-use crate::operation::SendOp;
+use crate::operation::{Direction, Node, Operation};
 use crate::select_state::SelectState;
 use crate::sender::Sender;
-use crate::wait_point::{Ending, WaitQueues};
+use crate::source::InNode;
+use crate::wait_point::WaitQueues;
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::fmt;
-use core::future::Future;
-use core::pin::Pin;
+use core::ops::DerefMut;
 use core::ptr::NonNull;
-use core::task::{Context, Poll};
-use luna_core::current;
-use pin_project_lite::pin_project;
+use core::task::Context;
+use luna_core::wait_list::WaitNode;
 
 /// The calling end of a [`call_channel`](crate::call_channel). Any number of clones, on any
 /// threads, may call at the same time.
@@ -58,11 +57,8 @@ impl<Q, A> Client<Q, A> {
     /// ```
     #[inline]
     pub fn call(&self, request: Q) -> CallOp<'_, Q, A> {
-        CallOp {
-            send: self.sender.send(Message::Request(request)),
-            sender: &self.sender,
-            interrupted: false,
-        }
+        let request = Waiter::with_value(Message::Request(request));
+        Operation::of(self.sender.end(), request, Calling)
     }
 
     /// Like [`call`](Self::call), blocking this thread. For plain threads and OS-thread processes.
@@ -158,163 +154,129 @@ impl<Q, A> fmt::Debug for Client<Q, A> {
     }
 }
 
-pin_project! {
-    /// A call under way: see [`Client::call`].
-    #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
-    pub struct CallOp<'a, Q, A> {
-        #[pin]
-        send: SendOp<'a, Message<Q, A>>,
-        sender: &'a Sender<Message<Q, A>>,
-        // The branch that called has failed while the server had the request.
-        interrupted: bool,
-    }
-}
+/// A call under way: see [`Client::call`]. A send whose node takes the reply.
+pub type CallOp<'a, Q, A> = Operation<'a, Message<Q, A>, Calling>;
 
-impl<'a, Q, A> CallOp<'a, Q, A> {
-    #[inline]
-    fn send(self: Pin<&mut Self>) -> Pin<&mut SendOp<'a, Message<Q, A>>> {
-        self.project().send
-    }
+/// The direction of a call.
+#[derive(Debug)]
+pub struct Calling;
 
-    /// What a send that is over means.
-    fn result(
-        mut self: Pin<&mut Self>,
-        sent: Result<(), SendError<Message<Q, A>>>,
-    ) -> Result<A, CallError<Q>> {
-        match sent {
-            Ok(()) => match self.as_mut().send().take_answer() {
-                Some(Message::Answer(answer)) => Ok(answer),
-                Some(_) => Err(CallError::Unanswered),
-                None if self.interrupted || self.is_poisoned() => Err(CallError::Interrupted),
-                // A call that was forgotten until the last server went.
-                None => Err(CallError::Unanswered),
-            },
-            Err(SendError {
-                value: Message::Request(request),
-                poisoned,
-            }) => Err(if poisoned {
-                CallError::Poisoned(request)
-            } else {
-                CallError::Closed(request)
-            }),
-            // What a call offers is a request.
-            Err(_) => Err(CallError::Unanswered),
-        }
-    }
+impl<Q, A> Direction<Message<Q, A>> for Calling {
+    type Success<'a>
+        = A
+    where
+        Q: 'a,
+        A: 'a;
+    type Failure = CallError<Q>;
+    type Seed<'a>
+        = CallOp<'a, Q, A>
+    where
+        Q: 'a,
+        A: 'a;
 
-    fn is_poisoned(&self) -> bool {
-        self.sender.end().channel().wait_point().lock().ending == Ending::Poisoned
-    }
-
-    /// A failed branch does not wait for a server: its reply goes nowhere.
-    fn interrupt(mut self: Pin<&mut Self>) {
-        current::stay_in_branch();
-        self.as_mut().send().abandon();
-        *self.project().interrupted = true;
-    }
-}
-
-impl<Q, A> Future for CallOp<'_, Q, A> {
-    type Output = Result<A, CallError<Q>>;
+    const NAME: &'static str = "call";
+    const SEND: bool = true;
+    // Servers hold their clients.
+    const PLAIN: bool = false;
+    const ANSWERED: bool = true;
 
     #[inline]
-    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let sent = match self.as_mut().send().poll(cx) {
-            Poll::Ready(sent) => sent,
-            Poll::Pending if current::branch_failed() && !self.send.lets_others_run() => {
-                self.as_mut().interrupt();
-                // SAFETY: it has just been settled, and is not polled again.
-                unsafe { self.as_mut().send().output() }
-            }
-            Poll::Pending => return Poll::Pending,
-        };
-        Poll::Ready(self.result(sent))
-    }
-}
-
-// SAFETY: the send within it borrows the end that keeps the wait point of these terms, and its
-// drop, with that of the call, takes its node off.
-unsafe impl<Q, A> RawGuard for CallOp<'_, Q, A> {
-    fn terms(&self) -> Terms {
-        Terms {
-            plain: None,
-            can_fail: false,
-            ..self.send.terms()
-        }
+    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
+        node: NonNull<Node<Message<Q, A>, Self>>,
+        locked: &mut ChannelGuard<'_, Message<Q, A>, L>,
+        cx: Option<&Context<'_>>,
+    ) -> Attempted {
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
+        // future knows it, and it holds its request. With `cx` it stays. It begins with its waiter,
+        // as that of a send of what is in the node does, which looks at nothing else.
+        unsafe { locked.send_now::<InNode>(node.cast(), cx) }
     }
 
-    unsafe fn attempt(
-        self: Pin<&mut Self>,
-        lists: Option<&mut WaitQueues>,
-        cx: &mut Context<'_>,
-    ) -> Attempt {
-        // SAFETY: the lists are those of this guard's wait point, which is the send's, and a new
-        // call has a new send: as is demanded here.
-        unsafe { self.send().attempt(lists, cx) }
-    }
-
-    unsafe fn list(
-        self: Pin<&mut Self>,
-        lists: &mut WaitQueues,
-        select_state: NonNull<SelectState>,
-        guard: u32,
+    #[inline]
+    unsafe fn begin(
+        node: NonNull<Node<Message<Q, A>, Self>>,
+        wait: WaitNode,
+        select_state: Option<(NonNull<SelectState>, u32)>,
     ) {
-        // SAFETY: the lists are those of this guard's wait point, which is the send's; a new call
-        // has a new send; and the select state outlives its being listed: as is demanded here.
-        unsafe { self.send().list(lists, select_state, guard) };
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
+        // its future knows it.
+        unsafe {
+            Waiter::begin_as(
+                node.cast::<Waiter<Message<Q, A>>>(),
+                wait,
+                Begun::InFull,
+                select_state,
+                None,
+            )
+        };
     }
 
-    unsafe fn withdraw(self: Pin<&mut Self>) {
-        // SAFETY: the call's alternative calls this, and so the send's; a send within a call is not
-        // polled before the call is.
-        unsafe { self.send().withdraw() };
-    }
-
-    unsafe fn poll_chosen(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: the call's alternative calls this, and so the send's, which is chosen when the
-        // call is; it was not polled, since the call was not.
-        let polled = unsafe { self.as_mut().send().poll_chosen(cx) };
-        if polled.is_pending() && current::branch_failed() {
-            self.interrupt();
-            return Poll::Ready(());
+    fn refused(call: &mut CallOp<'_, Q, A>, outcome: Outcome) -> Option<CallError<Q>> {
+        match outcome {
+            // SAFETY: an answered node holds a value, and no other thread knows it.
+            Outcome::Answered => match unsafe { call.take_value() } {
+                Message::Answer(answer) => {
+                    // SAFETY: as before; the value was taken.
+                    unsafe { Waiter::put_value_of(call.waiter(), Message::Answer(answer)) };
+                    None
+                }
+                _ => Some(CallError::Unanswered),
+            },
+            // Its branch has failed while the server had the request.
+            Outcome::Held => Some(CallError::Interrupted),
+            _ if call.channel().is_poisoned() => Some(CallError::Interrupted),
+            // A call that was forgotten until the last server went.
+            _ => Some(CallError::Unanswered),
         }
-        polled
     }
 
-    fn released(&self) {
-        self.send.released();
+    fn succeeded<'a>(call: &mut CallOp<'a, Q, A>) -> A {
+        // SAFETY: it was not refused, so its node holds the answer, and no other thread knows it.
+        match unsafe { call.take_value() } {
+            Message::Answer(answer) => answer,
+            _ => unreachable!("a call succeeds by an answer"),
+        }
     }
 
-    fn note_logged(&self) {
-        self.send.note_logged();
+    fn failed(call: &mut CallOp<'_, Q, A>, poisoned: bool) -> CallError<Q> {
+        // SAFETY: the call failed, so its request is still here, and no other thread knows the node
+        // any more.
+        match (unsafe { call.take_value() }, poisoned) {
+            (Message::Request(request), true) => CallError::Poisoned(request),
+            (Message::Request(request), false) => CallError::Closed(request),
+            // What a call offers is a request.
+            _ => CallError::Unanswered,
+        }
     }
 
-    fn order(&self) -> u64 {
-        RawGuard::order(&self.send)
+    /// It was sent before the servers went, but never received.
+    fn closed_later<'a>() -> Option<Result<A, CallError<Q>>>
+    where
+        Q: 'a,
+        A: 'a,
+    {
+        Some(Err(CallError::Unanswered))
     }
 
-    unsafe fn fail(self: Pin<&mut Self>) -> bool {
-        // SAFETY: the call's alternative calls this, and so the send's. The send was not polled,
-        // and is listed nowhere, since that holds of the call.
-        unsafe { self.send().fail() }
+    fn dropped(call: &mut CallOp<'_, Q, A>, outcome: Outcome) {
+        if !matches!(outcome, Outcome::Done | Outcome::Held) {
+            // SAFETY: the request is still here, or the answer is, and no other thread knows the
+            // node any more.
+            drop(unsafe { call.take_value() });
+        }
     }
-}
 
-impl<Q, A> Guard for CallOp<'_, Q, A> {
-    type Output = Result<A, CallError<Q>>;
-
-    own_seed!();
-
-    unsafe fn output(mut self: Pin<&mut Self>) -> Self::Output {
-        // SAFETY: the call was chosen and is over, so the send is, or was settled by `interrupt`.
-        // This is called once, as is demanded here.
-        let sent = unsafe { self.as_mut().send().output() };
-        self.result(sent)
+    #[inline]
+    fn into_seed<'a>(call: CallOp<'a, Q, A>) -> CallOp<'a, Q, A> {
+        call
     }
-}
 
-impl<Q, A> fmt::Debug for CallOp<'_, Q, A> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("CallOp").field(&self.send).finish()
+    #[inline]
+    fn from_seed<'a>(seed: CallOp<'a, Q, A>) -> CallOp<'a, Q, A>
+    where
+        Q: 'a,
+        A: 'a,
+    {
+        seed
     }
 }

@@ -1,5 +1,6 @@
 //! What can go wrong with a call.
 
+use crate::error::Ended;
 use core::fmt;
 use thiserror::Error;
 
@@ -53,6 +54,16 @@ impl<Q> CallError<Q> {
     /// Whether a server has dropped the call.
     pub fn is_unanswered(&self) -> bool {
         matches!(self, CallError::Unanswered)
+    }
+}
+
+impl<Q> Ended for CallError<Q> {
+    fn poisoned(&self) -> Option<bool> {
+        Some(self.is_poisoned())
+    }
+
+    fn has_communicated(&self) -> bool {
+        matches!(self, CallError::Unanswered | CallError::Interrupted)
     }
 }
 

@@ -7,7 +7,7 @@ use crate::end::End;
 use crate::extended::{Mode, Noted};
 use crate::operation::Node;
 use crate::wait_point::Ending;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::ptr::NonNull;
 use luna_core::current::{Inheritor, Priority};
 use luna_platform::sync::atomic::Ordering;
@@ -65,7 +65,7 @@ pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: 
     // this thread's. One that inherits was begun as a receive of such a mode: its waiter is
     // followed by its direction, which is the note alone.
     unsafe {
-        if (*Waiter::link(receiver)).inherits {
+        if Waiter::begun(receiver) == Begun::Serving {
             let node = receiver.cast::<Node<T, Option<Inheritor>>>().as_ptr();
             if let Some(inheritor) = &mut (*node).direction {
                 inheritor.inherit(sender);

@@ -35,6 +35,10 @@ impl<T> Channel<T> {
         }
     }
 
+    pub(crate) fn is_poisoned(&self) -> bool {
+        self.lock().lists.ending == Ending::Poisoned
+    }
+
     fn end(&self, ending: Ending) {
         let mut locked = self.lock();
         if locked.lists.ending == Ending::Poisoned {

@@ -4,7 +4,7 @@
 use super::{Channel, Locked};
 use crate::hand_off_slots::{Side, has_room};
 use crate::wait_point::{LastUser, user_number};
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::ptr::NonNull;
 use core::task::Context;
 use luna_core::current::Renewal;
@@ -81,7 +81,7 @@ impl<T> Locked<'_, T> {
                 // may put a value there: a bitwise copy of a sender's. One of the two is used: the
                 // slot's if it is met there, the node's once that is listed.
                 unsafe {
-                    Waiter::begin_as(node, (self.here, None), false, None, None);
+                    Waiter::begin_as(node, (self.here, None), Begun::InFull, None, None);
                     lists.hand_off.note(own, node.cast());
                     if is_sender && has_room::<T>() {
                         slots.put(own, Waiter::take_value_of(node));
@@ -196,8 +196,7 @@ impl<T> Channel<T> {
                 return Outcome::Done;
             }
             self.wait_point.hand_off_slots.leave(side);
-            let mut renewal = Renewal::of(cx);
-            self.renew_wake_handle(Some(locked), node, &mut renewal)
+            self.renew_wake_handle(Some(locked), node, Renewal::of(cx))
         }
     }
 }

@@ -42,10 +42,8 @@ use alloc::collections::VecDeque;
 use core::mem::offset_of;
 use core::ops::DerefMut;
 use core::ptr::NonNull;
-use core::task::Context;
 use luna_core::current::{self, Here, Renewal, WakeHandle};
 use luna_core::deferred_free::Retired;
-use luna_core::spin;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
@@ -247,33 +245,18 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Makes a waiting operation wake its latest poller.
+    /// Makes a waiting operation wake the poller that the renewal is of; returns its outcome. A
+    /// `locked` that was taken already is used, and released.
     ///
     /// # Safety
     ///
     /// The caller is the future of `node`, which was listed in this channel and was not withdrawn.
-    pub(crate) unsafe fn update_wake_handle(
-        &self,
-        node: NonNull<Waiter<T>>,
-        cx: &Context<'_>,
-    ) -> Outcome {
-        let mut renewal = Renewal::of(cx);
-        // SAFETY: the node was listed in this channel and was not withdrawn, as is demanded here;
-        // no lock is passed on.
-        unsafe { self.renew_wake_handle(None, node, &mut renewal) }
-    }
-
-    /// As [`update_wake_handle`](Self::update_wake_handle); a `locked` that was taken already is
-    /// used, and released.
-    ///
-    /// # Safety
-    ///
-    /// As for `update_wake_handle`: of the caller and `node`. `locked` is that of this channel.
-    unsafe fn renew_wake_handle(
+    /// `locked` is that of this channel.
+    pub(crate) unsafe fn renew_wake_handle(
         &self,
         mut locked: Option<Locked<'_, T>>,
         node: NonNull<Waiter<T>>,
-        renewal: &mut Renewal<'_, '_>,
+        mut renewal: Renewal<'_, '_>,
     ) -> Outcome {
         renewal.put(|renewal| {
             let _locked = locked.take().unwrap_or_else(|| self.lock());
@@ -286,31 +269,6 @@ impl<T> Channel<T> {
                 outcome
             }
         })
-    }
-
-    /// Gives a node that was listed without a wake handle one, if there is no partner yet; returns
-    /// its result. The current poll `looks` for a partner before.
-    ///
-    /// # Safety
-    ///
-    /// As for [`update_wake_handle`](Self::update_wake_handle): `node` was listed in this channel
-    /// and was not withdrawn.
-    pub(crate) unsafe fn look_for_partner(
-        &self,
-        node: NonNull<Waiter<T>>,
-        looks: bool,
-        cx: &Context<'_>,
-    ) -> Outcome {
-        // SAFETY: the node was listed, so it was begun, and its future, which polls, keeps it.
-        let outcome = || unsafe { Waiter::outcome(node) };
-        if looks && spin::look(|| outcome() != Outcome::Waiting) {
-            return outcome();
-        }
-        let mut renewal = Renewal::made(cx);
-        // Under the lock: a partner comes before it, and has settled the node, or finds the wake
-        // handle. SAFETY: the node was listed in this channel and was not withdrawn, as is demanded
-        // here.
-        unsafe { self.renew_wake_handle(None, node, &mut renewal) }
     }
 
     /// Returns a value to the channel whose receive was dropped before it could hand the value on:

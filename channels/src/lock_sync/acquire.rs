@@ -40,7 +40,7 @@ impl<'a> Future for AcquireOp<'a> {
         let this = self.project();
         let (semaphore, count) = (*this.semaphore, this.take.count);
         let taken = this.take.poll(cx);
-        taken.map_ok(|()| SemaphorePermit::taken(semaphore, count))
+        taken.map_ok(|_| SemaphorePermit::taken(semaphore, count))
     }
 }
 
@@ -74,6 +74,6 @@ impl<'a> Future for AcquireTimeout<'a> {
         let this = self.project();
         let semaphore = *this.semaphore;
         let taken = replay::poll_until(this.take, this.sleep, cx);
-        taken.map_ok(|()| SemaphorePermit::taken(semaphore, 1))
+        taken.map_ok(|_| SemaphorePermit::taken(semaphore, 1))
     }
 }

@@ -1,7 +1,7 @@
 //! Passes a priority on: from the first waiter to the holder of a mutex, and from there to the
 //! holder of the mutex that this one waits for.
 
-use super::core::{Core, State};
+use super::core::{Core, LockState};
 use super::entry::Entry;
 use crate::guarded_wait_point::Locked;
 use crate::wait_point::Lists;
@@ -44,10 +44,9 @@ pub(super) fn follow(changed: Option<Changed>) {
         }
         // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
         let next = inheritor.next_wait(*above, |node| unsafe {
-            let entry = Entry::waited_for(node);
-            (node.addr().get(), entry, (*entry.as_ptr()).core.clone())
+            (node.addr().get(), Entry::waited_for(node))
         });
-        let Some((address, entry, core)) = next else {
+        let Some((address, (entry, core))) = next else {
             way.pop();
             continue;
         };
@@ -82,7 +81,7 @@ impl Core {
     }
 }
 
-impl<L: Lists> Locked<'_, State, L> {
+impl<L: Lists> Locked<'_, LockState, L> {
     /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
     /// O(waiters of lower priority).
     ///

@@ -2,7 +2,7 @@
 
 use super::core::Core;
 use crate::waiter::{Link, Outcome, Waiter};
-use core::mem::MaybeUninit;
+use core::mem::offset_of;
 use core::ptr::NonNull;
 use luna_core::current::{Inheritor, Priority};
 use luna_core::deferred_free::Shared;
@@ -18,38 +18,32 @@ pub(super) enum Cause {
     TimedOut,
 }
 
-/// The node listed with the process (or thread) that waits, so that a chain finds it.
-#[repr(C)]
-struct Listed {
-    /// First, so that it leads back to this.
-    wait: WaitNode,
-    entry: NonNull<Entry>,
-    inheritor: Inheritor,
-}
-
 /// The node, inside its future.
 ///
 /// # Invariants
 ///
-/// While it is in a wait point's list, that wait point's lock guards `waiter` and `inheritor`; a
-/// settled one belongs to its future. `cause` is guarded by the condition's lock. `listed` is there
-/// while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the
-/// inheritor's executor. `count` and `core` do not change between begin and end.
+/// While it is in a wait point's list, that wait point's lock guards `waiter`; a settled one belongs
+/// to its future. `cause` is guarded by the condition's lock. The other fields do not change between
+/// begin and end. If there is an `inheritor`, `of_process` is in the list of its waits meanwhile,
+/// under the lock of its executor's boosts.
 #[repr(C)]
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
     waiter: Waiter<()>,
-    /// Inherits when the entry holds the mutex.
-    pub(super) inheritor: Option<Inheritor>,
+    /// The process (or thread) that waits. It inherits when the entry holds the mutex.
+    inheritor: Option<Inheritor>,
     /// How many permits it wants.
     pub(super) count: u32,
     pub(super) cause: Cause,
-    /// Where it is to take them, from its begin to its end. It keeps that mutex's memory, also if
-    /// its future is leaked: the chain may still find it.
+    /// Where it is to take them. It keeps that mutex's memory, also if its future is leaked: the
+    /// chain may still find it.
     pub(super) core: Shared<Core>,
-    is_listed: bool,
-    listed: MaybeUninit<Listed>,
+    /// Listed with the process that waits, so that a chain finds it.
+    of_process: WaitNode,
 }
+
+/// Where `of_process` lies in an entry.
+const OF_PROCESS: usize = offset_of!(Entry, of_process);
 
 impl Entry {
     /// The node of a wait point's list.
@@ -79,30 +73,33 @@ impl Entry {
         inheritor: Option<Inheritor>,
     ) {
         // SAFETY: it is room for an entry that no other thread accesses, as is demanded here. The
-        // entry is in no list. It stays until `end`, so the node of `listed` can be listed with the
-        // process; it is in no list yet.
+        // entry is in no list. It stays until `end`, so `of_process` can be listed with the process;
+        // it is in no list yet.
         unsafe {
-            let this = entry.as_ptr();
-            this.write(Entry {
+            entry.write(Entry {
                 waiter: Waiter::empty(),
                 inheritor,
                 count,
                 cause: Cause::None,
                 core: core.clone(),
-                is_listed: false,
-                listed: MaybeUninit::uninit(),
+                of_process: WaitNode::new(),
             });
-            Waiter::begin(Self::waiter(entry), false, None, None);
-            if let Some(inheritor) = &(*this).inheritor {
-                (*this).listed.write(Listed {
-                    wait: WaitNode::new(),
-                    entry,
-                    inheritor: inheritor.copy(),
-                });
-                (*this).is_listed = true;
-                inheritor.begin_wait(NonNull::from(&mut (*this).listed).cast());
+            Waiter::begin(Self::waiter(entry), None);
+            if let Some(inheritor) = Self::inheritor(entry) {
+                inheritor.begin_wait(entry.byte_add(OF_PROCESS).cast());
             }
         }
+    }
+
+    /// The process that waits, if it may inherit.
+    ///
+    /// # Safety
+    ///
+    /// The entry was begun, and has not ended as long as the result is used.
+    pub(super) unsafe fn inheritor<'a>(entry: NonNull<Entry>) -> Option<&'a Inheritor> {
+        // SAFETY: it is live, as is demanded here, and the field does not change meanwhile. Only
+        // this field is borrowed.
+        unsafe { &(*entry.as_ptr()).inheritor }.as_ref()
     }
 
     /// Undoes [`begin`](Self::begin). O(1).
@@ -110,34 +107,32 @@ impl Entry {
     /// # Safety
     ///
     /// `entry` was begun, is live, in no wait point's list, and no other thread accesses it, but
-    /// for its `listed` and `core`, which a chain reads under the lock of the process' boosts.
+    /// for `of_process` and `core`, which a chain uses under the lock of the process' boosts.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
         // SAFETY: the entry is live, in no wait point's list, and only its future accesses it but
-        // for `listed` and `core`, as is demanded here. Until `listed` is taken out, others may
-        // access its node under the lock of its executor's boosts, so only the inheritor is
-        // referred to; it is that of the process with which `begin` has listed the node.
+        // for the two fields, as is demanded here. `begin` has listed it with its process; after
+        // this no other thread has a pointer to it.
         unsafe {
-            let this = entry.as_ptr();
-            if (*this).is_listed {
-                let listed = (&raw mut (*this).listed).cast::<Listed>();
-                let inheritor = &(*listed).inheritor;
-                inheritor.end_wait(NonNull::new_unchecked(listed).cast());
-                (*this).listed.assume_init_drop();
+            if let Some(inheritor) = Self::inheritor(entry) {
+                inheritor.end_wait(entry.byte_add(OF_PROCESS).cast());
             }
-            this.drop_in_place();
+            entry.drop_in_place();
         }
     }
 
-    /// The entry of `node`, which is listed with a process. Only its mutex may be asked for.
+    /// The mutex of the entry that is listed with a process by `node`, and the entry, to be found
+    /// there.
     ///
     /// # Safety
     ///
-    /// `node` was listed by [`begin`](Self::begin), and the lock of the process' executor is held.
-    pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> NonNull<Entry> {
-        // SAFETY: the node is listed with a process, as is demanded here, so it begins a `Listed`.
-        // Its owner needs the lock of the executor's boosts, which is held, to take it off: so it
-        // is live, and `entry` does not change.
-        unsafe { (*node.cast::<Listed>().as_ptr()).entry }
+    /// `node` was listed by [`begin`](Self::begin), and the lock of the process' boosts is held.
+    pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> (NonNull<Entry>, Shared<Core>) {
+        // SAFETY: the node is part of an entry. Its owner needs the lock of the boosts, which is
+        // held, to take it off: so the entry is live, and `core` does not change.
+        unsafe {
+            let entry = node.byte_sub(OF_PROCESS).cast::<Entry>();
+            (entry, (*entry.as_ptr()).core.clone())
+        }
     }
 
     /// The part of its waiter that others find it by.
@@ -162,9 +157,9 @@ impl Entry {
     /// It is live, and the lock that guards it is held, if it is listed.
     pub(super) unsafe fn priority(entry: NonNull<Entry>) -> Priority {
         // SAFETY: the entry is live, and the lock that is held, or its owner's being the caller,
-        // keeps other threads from its inheritor and its node. Only one of these is borrowed.
+        // keeps other threads from its node.
         unsafe {
-            match &(*entry.as_ptr()).inheritor {
+            match Self::inheritor(entry) {
                 Some(inheritor) => inheritor.priority(),
                 None => Self::node(entry).as_ref().priority(),
             }
@@ -178,10 +173,8 @@ impl Entry {
     /// As for [`priority`](Self::priority): it is live, and the lock that guards it is held, if it
     /// is listed.
     pub(super) unsafe fn is_of(entry: NonNull<Entry>, holder: &Inheritor) -> bool {
-        // SAFETY: the entry is live, and its lock is held, as is demanded here, so no other thread
-        // accesses its inheritor. Only this field is borrowed.
-        unsafe { &(*entry.as_ptr()).inheritor }
-            .as_ref()
-            .is_some_and(|inheritor| inheritor.is_same(holder))
+        // SAFETY: the entry is live, as is demanded here.
+        let inheritor = unsafe { Self::inheritor(entry) };
+        inheritor.is_some_and(|inheritor| inheritor.is_same(holder))
     }
 }

@@ -1,5 +1,6 @@
 //! Holding a mutex.
 
+use super::core::Hold;
 use super::error::DIED;
 use super::mutex::Mutex;
 use core::fmt;
@@ -47,10 +48,10 @@ pub struct MutexGuard<'a, T> {
 unsafe impl<T: Sync> Sync for MutexGuard<'_, T> {}
 
 impl<'a, T> MutexGuard<'a, T> {
-    /// # Safety
-    ///
-    /// The caller holds the mutex, and gives its hold away.
-    pub(super) unsafe fn new(mutex: &'a Mutex<T>) -> Self {
+    /// Of the holder, which gives its hold away.
+    #[inline]
+    pub(super) fn new(mutex: &'a Mutex<T>, hold: Hold<'_>) -> Self {
+        hold.used_for(mutex.core());
         Self {
             mutex,
             was_dying: is_dying(),

@@ -38,8 +38,7 @@ impl<'a, T> Future for LockOp<'a, T> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.project();
         let taken = this.take.poll(cx);
-        // SAFETY: a take that succeeds gives the mutex to its caller.
-        taken.map(|taken| unsafe { this.mutex.taken(taken) })
+        taken.map(|taken| this.mutex.taken(taken))
     }
 }
 
@@ -74,7 +73,6 @@ impl<'a, T> Future for LockTimeout<'a, T> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.project();
         let taken = replay::poll_until(this.take, this.sleep, cx);
-        // SAFETY: a take that succeeds gives the mutex to its caller.
-        taken.map(|taken| unsafe { this.mutex.taken_in_time(taken) })
+        taken.map(|taken| this.mutex.taken_in_time(taken))
     }
 }

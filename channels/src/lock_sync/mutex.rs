@@ -1,6 +1,6 @@
 //! The mutex itself.
 
-use super::core::Core;
+use super::core::{Core, Hold};
 use super::error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
@@ -146,11 +146,8 @@ impl<T> Mutex<T> {
     /// # drop(guard);
     /// ```
     pub fn try_lock(&self) -> Result<MutexGuard<'_, T>, TryLockError<'_, T>> {
-        if !self.core().try_take(1) {
-            return Err(TryLockError::Locked);
-        }
-        // SAFETY: it was taken.
-        unsafe { self.held() }.map_err(TryLockError::OwnerDied)
+        let hold = self.core().try_take(1).ok_or(TryLockError::Locked)?;
+        self.held(hold).map_err(TryLockError::OwnerDied)
     }
 
     /// Like [`lock`](Self::lock), for at most `timeout` from its first poll on. Exact: it times out
@@ -194,8 +191,7 @@ impl<T> Mutex<T> {
     #[track_caller]
     pub fn blocking_lock(&self) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
         let taken = luna_core::park::block_on(self.take(true));
-        // SAFETY: a take that succeeds gives the mutex to its caller.
-        unsafe { self.taken(taken) }
+        self.taken(taken)
     }
 
     /// Like [`blocking_lock`](Self::blocking_lock), for at most `timeout`.
@@ -223,58 +219,39 @@ impl<T> Mutex<T> {
         timeout: Duration,
     ) -> Result<MutexGuard<'_, T>, LockTimeoutError<'_, T>> {
         let taken = self.take(true).block_for(timeout);
-        // SAFETY: a take that succeeds gives the mutex to its caller.
-        unsafe { self.taken_in_time(taken) }
+        self.taken_in_time(taken)
     }
 
-    /// The result for the caller, which was just made the holder.
-    ///
-    /// # Safety
-    ///
-    /// As for [`MutexGuard::new`]: the caller holds the mutex, and gives its hold away.
-    pub(super) unsafe fn held(&self) -> Result<MutexGuard<'_, T>, OwnerDied<'_, T>> {
-        // SAFETY: the caller holds the mutex, and gives its hold away, as is demanded here.
-        let guard = unsafe { MutexGuard::new(self) };
-        if self.value.has_died.load(Ordering::Relaxed) {
-            Err(OwnerDied::new(guard))
-        } else {
-            Ok(guard)
+    /// The result for the holder.
+    #[inline]
+    fn held<'a>(&'a self, hold: Hold<'_>) -> Result<MutexGuard<'a, T>, OwnerDied<'a, T>> {
+        let guard = MutexGuard::new(self, hold);
+        match self.value.has_died.load(Ordering::Relaxed) {
+            true => Err(OwnerDied::new(guard)),
+            false => Ok(guard),
         }
     }
 
     /// The result of a [`Take`], for its caller.
-    ///
-    /// # Safety
-    ///
-    /// If it succeeded, as for [`MutexGuard::new`]: the caller holds the mutex, and gives its hold
-    /// away.
     #[inline]
-    pub(super) unsafe fn taken(
-        &self,
-        taken: Result<(), AcquireError>,
-    ) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
-        taken.map_err(|AcquireError| LockError::Poisoned)?;
-        // SAFETY: it succeeded, so the caller holds the mutex, and gives its hold away, as is
-        // demanded here.
-        unsafe { self.held() }.map_err(LockError::OwnerDied)
+    pub(super) fn taken<'a>(
+        &'a self,
+        taken: Result<Hold<'_>, AcquireError>,
+    ) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
+        let hold = taken.map_err(|AcquireError| LockError::Poisoned)?;
+        self.held(hold).map_err(LockError::OwnerDied)
     }
 
     /// As [`taken`](Self::taken), of one that gives up.
-    ///
-    /// # Safety
-    ///
-    /// As for `taken`: if it succeeded, the caller holds the mutex, and gives its hold away.
-    pub(super) unsafe fn taken_in_time(
-        &self,
-        taken: Result<(), AcquireTimeoutError>,
-    ) -> Result<MutexGuard<'_, T>, LockTimeoutError<'_, T>> {
-        taken.map_err(|error| match error {
+    pub(super) fn taken_in_time<'a>(
+        &'a self,
+        taken: Result<Hold<'_>, AcquireTimeoutError>,
+    ) -> Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>> {
+        let hold = taken.map_err(|error| match error {
             AcquireTimeoutError::Timeout => LockTimeoutError::Timeout,
             AcquireTimeoutError::Poisoned => LockTimeoutError::Poisoned,
         })?;
-        // SAFETY: it succeeded, so the caller holds the mutex, and gives its hold away, as is
-        // demanded here.
-        unsafe { self.held() }.map_err(LockTimeoutError::OwnerDied)
+        self.held(hold).map_err(LockTimeoutError::OwnerDied)
     }
 
     /// Names the mutex in reports: see [`inspect`](crate::inspect). Not for the real-time path.

@@ -102,8 +102,8 @@ impl Semaphore {
     /// Takes `count` permits, if there are so many and no waiter is as urgent. O(1), for the
     /// real-time path.
     pub fn try_acquire_many(&self, count: u32) -> Option<SemaphorePermit<'_>> {
-        let is_taken = self.core().try_take(count);
-        is_taken.then(|| SemaphorePermit::taken(self, count))
+        let taken = self.core().try_take(count);
+        taken.map(|_| SemaphorePermit::taken(self, count))
     }
 
     /// Like [`acquire`](Self::acquire), for at most `timeout` from its first poll on. Exact: it
@@ -145,7 +145,7 @@ impl Semaphore {
     #[track_caller]
     pub fn blocking_acquire(&self) -> Result<SemaphorePermit<'_>, AcquireError> {
         let taken = luna_core::park::block_on(self.take(1, true));
-        taken.map(|()| SemaphorePermit::taken(self, 1))
+        taken.map(|_| SemaphorePermit::taken(self, 1))
     }
 
     /// Like [`blocking_acquire`](Self::blocking_acquire), for at most `timeout`.
@@ -171,7 +171,7 @@ impl Semaphore {
         timeout: Duration,
     ) -> Result<SemaphorePermit<'_>, AcquireTimeoutError> {
         let taken = self.take(1, true).block_for(timeout);
-        taken.map(|()| SemaphorePermit::taken(self, 1))
+        taken.map(|_| SemaphorePermit::taken(self, 1))
     }
 
     /// Makes `count` more permits. Real-time path: yes; O(waiters served by them), each in a lock

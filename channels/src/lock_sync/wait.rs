@@ -1,11 +1,12 @@
 //! Waiting at a condition, as a future.
 
 use super::condition::{Condvar, Notified};
+use super::core::Hold;
 use super::entry::{Cause, Entry};
 use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
-use super::take::{self, Phase, Take};
+use super::take::{self, Take, TakePhase};
 use crate::finally::Finally;
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
@@ -14,7 +15,7 @@ use crate::wait_point::Lists;
 use core::fmt;
 use core::future::Future;
 use core::pin::Pin;
-use core::task::{Context, Poll};
+use core::task::{Context, Poll, ready};
 use luna_core::current::{self, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
@@ -125,7 +126,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     /// At a deadline: it waits for the mutex alone from now on, unless it was notified before.
     pub(super) fn time_out(self: Pin<&mut Self>) {
         let this = self.in_place();
-        if this.take.phase != Phase::Listed {
+        if this.take.phase != TakePhase::Listed {
             // A replayed wait is listed nowhere.
             return;
         }
@@ -180,7 +181,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     }
 
     /// Polls until it holds the mutex again, or its branch has failed.
-    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
+    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<Hold<'a>, AcquireError>> {
         let has_failed = current::branch_failed();
         if let Some(guard) = self.guard.take() {
             if has_failed {
@@ -194,18 +195,20 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             return Poll::Pending;
         }
         match self.take.phase {
-            Phase::Listed if self.take.has_succeeded() => Poll::Ready(Ok(())),
-            Phase::Listed if has_failed => {
+            TakePhase::Listed if self.take.has_succeeded() => {}
+            TakePhase::Listed if has_failed => {
                 self.cancel();
                 current::stay_in_branch();
-                Poll::Ready(Err(AcquireError))
+                return Poll::Ready(Err(AcquireError));
             }
-            Phase::Listed => self.poll_listed(cx).map(Ok),
-            Phase::Keeps => Poll::Ready(Ok(())),
-            Phase::New | Phase::GaveWay | Phase::Over => {
+            TakePhase::Listed => ready!(self.poll_listed(cx)),
+            TakePhase::Granted => {}
+            TakePhase::New | TakePhase::GaveWay | TakePhase::Over => {
                 panic!("a wait was polled after it was over")
             }
         }
+        // SAFETY: it has succeeded; it is over when this is returned.
+        Poll::Ready(Ok(unsafe { self.take.hold() }))
     }
 }
 
@@ -220,8 +223,7 @@ impl<'a, T> Future for WaitOp<'_, 'a, T> {
         };
         polled.map(|taken| {
             this.take.end();
-            // SAFETY: what succeeded holds the mutex, and gives it to the caller.
-            unsafe { this.mutex.taken(taken) }
+            this.mutex.taken(taken)
         })
     }
 }
@@ -231,7 +233,7 @@ impl<T> Drop for WaitOp<'_, '_, T> {
         if self.guard.is_some() {
             // Dropping the guard is all.
             self.take.end();
-        } else if self.take.phase == Phase::Listed {
+        } else if self.take.phase == TakePhase::Listed {
             self.cancel();
             replay::abandon(false);
         }
@@ -298,15 +300,15 @@ impl<'a, T> Future for WaitTimeout<'_, 'a, T> {
 
 /// A recorded wait has a stamp of its locking again; a replayed one locks when that comes, and its
 /// former notifier need not notify again.
-impl<T> Logged for WaitOp<'_, '_, T> {
-    type Output = Result<(), AcquireError>;
+impl<'a, T> Logged for WaitOp<'_, 'a, T> {
+    type Output = Result<Hold<'a>, AcquireError>;
 
     const KEEPS: bool = true;
 
     fn stage(&self) -> Stage {
         match self.take.phase {
             // It has not come back from unlocking.
-            Phase::GaveWay => Stage::New,
+            TakePhase::GaveWay => Stage::New,
             _ => self.take.stage(),
         }
     }
@@ -315,7 +317,7 @@ impl<T> Logged for WaitOp<'_, '_, T> {
         if replay::is_replayed()
             && let Some(guard) = self.guard.take()
         {
-            self.take.phase = Phase::GaveWay;
+            self.take.phase = TakePhase::GaveWay;
             guard.unlock();
         }
     }
@@ -332,7 +334,7 @@ impl<T> Logged for WaitOp<'_, '_, T> {
                     return replay::differs("another process holds the mutex");
                 }
                 self.has_timed_out = event.number == 1;
-                self.take.phase = Phase::Keeps;
+                self.take.phase = TakePhase::Granted;
                 Poll::Ready(())
             }
         }

@@ -54,33 +54,26 @@ impl Bell {
     }
 }
 
-static METHODS: Methods = Methods {
-    ready_elsewhere,
-    free,
-    poll: |_, _| {},
-    poll_attentively: |_, _| {},
-    body: |_| 0..0,
-    seldom: None,
-};
+static METHODS: Methods = Methods::without_body(ready_elsewhere, free);
 
 /// # Safety
 ///
-/// `owner` is a task that is not freed yet, as [`Methods`] requires; the level is the process'
-/// number.
-unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
-    // SAFETY: the owner of a process stays valid until `free` is called for it.
-    unsafe { owner.cast::<Task>().as_ref() }
+/// `process` is that of a task that is not freed yet, as [`Methods`] require; the level is the
+/// process' number.
+unsafe fn ready_elsewhere(process: NonNull<Process>, level: u8) {
+    // SAFETY: a task stays valid until `free` is called for it.
+    unsafe { process.cast::<Task>().as_ref() }
         .bell
         .ring(usize::from(level));
 }
 
 /// # Safety
 ///
-/// `owner` is a task that has ended, without any reference to it, as [`Methods`] requires.
-unsafe fn free(owner: NonNull<()>) {
+/// `process` is that of a task that has ended, without any reference to it, as [`Methods`] require.
+unsafe fn free(process: NonNull<Process>) {
     // SAFETY: this is called once for each task, without any reference to it; `Executor::run` made
     // it of a box.
-    drop(unsafe { Box::from_raw(owner.cast::<Task>().as_ptr()) });
+    drop(unsafe { Box::from_raw(process.cast::<Task>().as_ptr()) });
 }
 
 /// Makes the calling model thread an executor's until it is dropped.
@@ -125,7 +118,7 @@ impl Executor {
             // once, below. The waker is known by its address, and its wake is never used.
             unsafe {
                 task.as_ref().process.set_waker(Waker::noop().clone());
-                task.as_ref().process.set_owner(task.cast(), &METHODS);
+                Process::set_methods(task.cast(), &METHODS);
                 task.as_ref().process.ready_at(level, QueueEnd::Back);
             }
             level += 1;
@@ -135,9 +128,9 @@ impl Executor {
         let is_over = |task: &NonNull<Task>| unsafe { task.as_ref() }.is_over.get();
         while !tasks.iter().all(is_over) {
             // SAFETY: each process that is taken out is given its turn at once.
-            while let Some(owner) = unsafe { current::next_ready() } {
-                // SAFETY: it was woken by its owner, which is live until its end.
-                unsafe { Self::give_turn(owner.cast().as_ref()) };
+            while let Some(process) = unsafe { current::next_ready() } {
+                // SAFETY: its task is live until its end.
+                unsafe { Self::give_turn(process.cast().as_ref()) };
             }
             if tasks.iter().all(is_over) {
                 break;

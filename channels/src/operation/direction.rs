@@ -20,8 +20,6 @@ pub trait Direction<T>: Sized {
         T: 'a;
     /// Why the channel let it fail.
     type Failure: Ended;
-    /// As `Failure`, of one that may give up.
-    type TimeoutFailure: Ended + From<Self::Failure>;
     /// What a new operation is made of: as small as can be, since it is moved until an alternative
     /// is polled.
     type Seed<'a>
@@ -37,6 +35,9 @@ pub trait Direction<T>: Sized {
     const PLAIN: bool;
     /// Whether an operation that has waited, and is done, has its result at once.
     const PLAIN_WHEN_MET: bool = Self::PLAIN;
+    /// Whether it waits for an answer while it is held. An alternative in a failed branch does not
+    /// fail by it, and it does not stay held in one.
+    const ANSWERED: bool = false;
     /// Whether an operation that is over has anything to drop.
     const DROPS: bool = true;
     /// Whether it can ever happen. Asked while it is new.
@@ -68,18 +69,22 @@ pub trait Direction<T>: Sized {
         select_state: Option<(NonNull<SelectState>, u32)>,
     );
 
-    /// Takes the result of an operation that is done.
+    /// Why an operation that has communicated, so, has failed all the same: only one that is
+    /// [answered](Self::ANSWERED) can.
+    #[inline(always)]
+    fn refused(_: &mut Operation<'_, T, Self>, _: Outcome) -> Option<Self::Failure> {
+        None
+    }
+
+    /// Takes the result of an operation that has communicated, and was not refused.
     fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
 
     /// Takes the failure of an operation that has failed.
     fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;
 
-    /// Takes the failure of an operation that gives up.
-    fn timed_out(operation: &mut Operation<'_, T, Self>) -> Self::TimeoutFailure;
-
     /// What an operation returns in a replay that has met no partner before its channel closed,
     /// although the recorded one had. `None`: it fails.
-    fn closed_later<'a>() -> Option<Self::Success<'a>>
+    fn closed_later<'a>() -> Option<Result<Self::Success<'a>, Self::Failure>>
     where
         T: 'a;
 
@@ -93,4 +98,13 @@ pub trait Direction<T>: Sized {
     fn from_seed<'a>(seed: Self::Seed<'a>) -> Operation<'a, T, Self>
     where
         T: 'a;
+}
+
+/// The direction of an operation that may give up.
+pub trait GivesUp<T>: Direction<T> {
+    /// Why it fails, if it may give up.
+    type TimeoutFailure: Ended + From<Self::Failure>;
+
+    /// Takes the failure of an operation that gives up.
+    fn timed_out(operation: &mut Operation<'_, T, Self>) -> Self::TimeoutFailure;
 }

@@ -11,7 +11,7 @@ use core::hint::cold_path;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::current::Here;
+use luna_core::current::{self, Here, Renewal};
 use luna_core::wait_list::WaitNode;
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
@@ -21,7 +21,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         Terms {
             plain: D::PLAIN.then(|| self.waiter().cast()),
             of_sender: D::SEND,
-            can_fail: true,
+            can_fail: !D::ANSWERED,
             ..Terms::at(self.channel().wait_point(), &self.end.chosen)
         }
     }
@@ -88,9 +88,13 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
             // The committing thread holds the lock until it is settled. SAFETY: the node was
             // listed.
-            outcome = unsafe { this.channel().update_wake_handle(this.waiter(), cx) };
+            outcome = unsafe { this.renew_wake_handle(Renewal::of(cx)) };
         }
         match outcome {
+            // A failed branch does not wait for an answer.
+            Outcome::Held | Outcome::Waiting if D::ANSWERED && current::branch_failed() => {
+                this.leave_failed();
+            }
             // One that is held waits again when its receive is dropped.
             Outcome::Held | Outcome::Waiting => return Poll::Pending,
             Outcome::Broken => this.broken(),
@@ -172,7 +176,7 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {
-            Outcome::Done => Ok(this.done()),
+            Outcome::Done if !D::ANSWERED => Ok(this.done()),
             outcome => {
                 cold_path();
                 this.settled(outcome)

@@ -1,6 +1,6 @@
 //! How a replay log drives an operation.
 
-use super::{Direction, Operation, Phase};
+use super::{Direction, GivesUp, Operation, Phase};
 use crate::error::Ended;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
@@ -62,15 +62,16 @@ impl<'a, T, D: Direction<T>> Logged for Operation<'a, T, D> {
     }
 
     fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
-        output.as_ref().err().map(failed)
+        let failure = output.as_ref().err()?;
+        (!failure.has_communicated()).then(|| failed(failure))
     }
 
     fn closed_later(&self) -> Option<<Self as Logged>::Output> {
-        D::closed_later().map(Ok)
+        D::closed_later()
     }
 }
 
-impl<'a, T, D: Direction<T>> GiveUp for Operation<'a, T, D> {
+impl<'a, T, D: GivesUp<T>> GiveUp for Operation<'a, T, D> {
     type Outcome = Result<D::Success<'a>, D::TimeoutFailure>;
 
     fn lets_others_run(&self) -> bool {

@@ -15,7 +15,7 @@ mod sending;
 mod slow_path;
 mod timed;
 
-pub use direction::Direction;
+pub use direction::{Direction, GivesUp};
 pub use receiving::{Receiving, RecvOp};
 pub use sending::{SendOp, Sending};
 pub use timed::{RecvTimeout, SendTimeout, Timed};
@@ -101,7 +101,7 @@ unsafe impl<'a, T, D: Direction<T>> InPlace for Operation<'a, T, D> {}
 
 impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     #[inline]
-    fn of(end: &'a End<T>, waiter: Waiter<T>, direction: D) -> Self {
+    pub(crate) fn of(end: &'a End<T>, waiter: Waiter<T>, direction: D) -> Self {
         Operation {
             end,
             node: UnsafeCell::new(Node { waiter, direction }),
@@ -111,7 +111,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     }
 
     #[inline]
-    fn channel(&self) -> &'a Channel<T> {
+    pub(crate) fn channel(&self) -> &'a Channel<T> {
         self.end.channel()
     }
 
@@ -121,7 +121,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     }
 
     #[inline]
-    fn waiter(&self) -> NonNull<Waiter<T>> {
+    pub(crate) fn waiter(&self) -> NonNull<Waiter<T>> {
         // The waiter is the first field.
         self.node_pointer().cast()
     }
@@ -139,7 +139,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     ///
     /// By the type's invariants there is one. The node is not listed, and this is called once.
     #[inline(always)]
-    unsafe fn take_value(&mut self) -> T {
+    pub(crate) unsafe fn take_value(&mut self) -> T {
         // SAFETY: there is a value, which is taken once, and the node is not listed, as is demanded
         // here: so no other thread accesses it.
         unsafe { self.node().waiter.take_value() }
@@ -177,12 +177,12 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     #[inline]
     fn settled(&mut self, outcome: Outcome) -> Result<D::Success<'a>, D::Failure> {
         match outcome {
-            Outcome::Done | Outcome::Held => Ok(self.done()),
-            Outcome::Answered => {
-                let done = self.done();
-                // The answer is yet to be taken.
-                self.phase = Phase::Settled(outcome);
-                Ok(done)
+            Outcome::Done | Outcome::Held | Outcome::Answered => {
+                self.phase = Phase::Over;
+                match D::refused(self, outcome) {
+                    None => Ok(D::succeeded(self)),
+                    Some(failure) => Err(failure),
+                }
             }
             Outcome::Broken => {
                 self.broken();
@@ -195,7 +195,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         }
     }
 
-    /// What an operation returns that is done.
+    /// What an operation returns that is done, and is not [answered](Direction::ANSWERED).
     #[inline(always)]
     fn done(&mut self) -> D::Success<'a> {
         self.phase = Phase::Over;

@@ -1,13 +1,13 @@
 //! A receive under way.
 
-use super::{Direction, Node, Operation};
+use super::{Direction, GivesUp, Node, Operation};
 use crate::core::{Attempted, ChannelGuard};
 use crate::end::End;
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Releasing};
 use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::mem::{ManuallyDrop, needs_drop, take};
 use core::ops::DerefMut;
 use core::ptr::NonNull;
@@ -31,7 +31,6 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     where
         T: 'a;
     type Failure = RecvError;
-    type TimeoutFailure = RecvTimeoutError;
     type Seed<'a>
         = &'a End<T>
     where
@@ -80,11 +79,12 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         // its future knows it, which is this caller's.
         unsafe {
             M::waits(&mut node.as_mut().direction.note);
-            let waiter = node.cast::<Waiter<T>>();
-            Waiter::begin_as(waiter, wait, M::HOLDS, select_state, None);
-            if M::INHERITS {
-                (*Waiter::link(waiter)).inherits = true;
-            }
+            let begun = match (M::HOLDS, M::INHERITS) {
+                (_, true) => Begun::Serving,
+                (true, false) => Begun::Holding,
+                (false, false) => Begun::InFull,
+            };
+            Waiter::begin_as(node.cast::<Waiter<T>>(), wait, begun, select_state, None);
         }
     }
 
@@ -104,11 +104,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         }
     }
 
-    fn timed_out(_: &mut RecvOp<'_, T, M>) -> RecvTimeoutError {
-        RecvTimeoutError::Timeout
-    }
-
-    fn closed_later<'a>() -> Option<M::Received<'a>>
+    fn closed_later<'a>() -> Option<Result<M::Received<'a>, RecvError>>
     where
         T: 'a,
     {
@@ -136,6 +132,14 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         T: 'a,
     {
         RecvOp::receiving(seed)
+    }
+}
+
+impl<T, M: Mode<T>> GivesUp<T> for Receiving<M> {
+    type TimeoutFailure = RecvTimeoutError;
+
+    fn timed_out(_: &mut RecvOp<'_, T, M>) -> RecvTimeoutError {
+        RecvTimeoutError::Timeout
     }
 }
 

@@ -1,18 +1,16 @@
 //! A send under way.
 
-use super::{Direction, Node, Operation, Phase};
+use super::{Direction, GivesUp, Node, Operation, Phase};
 use crate::core::{Attempted, ChannelGuard};
 use crate::end::End;
 use crate::error::{SendError, SendTimeoutError};
-use crate::in_place::InPlace;
 use crate::select_state::SelectState;
 use crate::source::{InNode, Source};
 use crate::wait_point::WaitQueues;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::ops::DerefMut;
-use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::Context;
 use luna_core::wait_list::WaitNode;
@@ -32,7 +30,6 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     where
         T: 'a;
     type Failure = SendError<S::Unsent>;
-    type TimeoutFailure = SendTimeoutError<S::Unsent>;
     type Seed<'a>
         = SendOp<'a, T, S>
     where
@@ -68,7 +65,7 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     ) {
         // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
         // its future knows it.
-        unsafe { Waiter::begin_as(node.cast(), wait, false, select_state, S::MAKE) };
+        unsafe { Waiter::begin_as(node.cast(), wait, Begun::InFull, select_state, S::MAKE) };
     }
 
     #[inline(always)]
@@ -83,16 +80,12 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
         }
     }
 
-    fn timed_out(send: &mut SendOp<'_, T, S>) -> Self::TimeoutFailure {
-        SendTimeoutError::Timeout(Self::failed(send, false).value)
-    }
-
     /// It was sent before the receivers went, but never received.
-    fn closed_later<'a>() -> Option<()>
+    fn closed_later<'a>() -> Option<Result<(), Self::Failure>>
     where
         T: 'a,
     {
-        Some(())
+        Some(Ok(()))
     }
 
     fn dropped(send: &mut SendOp<'_, T, S>, outcome: Outcome) {
@@ -114,6 +107,14 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
         T: 'a,
     {
         seed
+    }
+}
+
+impl<T, S: Source<T>> GivesUp<T> for Sending<S> {
+    type TimeoutFailure = SendTimeoutError<S::Unsent>;
+
+    fn timed_out(send: &mut SendOp<'_, T, S>) -> Self::TimeoutFailure {
+        SendTimeoutError::Timeout(Self::failed(send, false).value)
     }
 }
 
@@ -139,29 +140,6 @@ impl<'a, T> SendOp<'a, T> {
             Waiter::write_value(&raw mut (*node).waiter, value);
             (&raw mut (*place).phase).write(Phase::New);
             send.assume_init()
-        }
-    }
-
-    /// The value given back to a successful send, if any.
-    pub(crate) fn take_answer(self: Pin<&mut Self>) -> Option<T> {
-        let this = self.in_place();
-        let is_answered = this.phase == Phase::Settled(Outcome::Answered);
-        is_answered.then(|| {
-            this.phase = Phase::Over;
-            // SAFETY: an answered node holds a value, and no other thread knows it.
-            unsafe { this.take_value() }
-        })
-    }
-
-    /// Waits no longer: it fails as poisoned if its value was not taken, and is done if it was. The
-    /// [output](crate::Guard::output) says which.
-    pub(crate) fn abandon(self: Pin<&mut Self>) {
-        let this = self.in_place();
-        if this.is_listed() {
-            let (outcome, _former) = this.unlist();
-            if outcome == Outcome::Waiting {
-                this.phase = Phase::Settled(Outcome::Poisoned);
-            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! An operation under the lock of its channel: wherever the process is, and whatever is asked of
 //! the channel.
 
-use super::{Direction, Operation, Phase};
+use super::{Direction, GivesUp, Operation, Phase};
 use crate::core::{Attempted, ChannelGuard, Ending, FastPath, HandOff};
 use crate::in_place::InPlace;
 use crate::replay;
@@ -11,7 +11,7 @@ use core::future::Future;
 use core::ops::DerefMut;
 use core::pin::Pin;
 use core::task::{Context, Poll};
-use luna_core::current::{self, Here, PlainTurn, WakeHandle};
+use luna_core::current::{self, Here, PlainTurn, Renewal, WakeHandle};
 use luna_core::spin;
 
 /// The result of polling an operation.
@@ -30,7 +30,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match self.phase {
             Phase::New => self.poll_new(cx),
             Phase::Listed | Phase::Logged => self.poll_listed(cx),
-            Phase::GaveWay => Poll::Ready(Ok(self.done())),
+            Phase::GaveWay => Poll::Ready(self.settled(Outcome::Done)),
             Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
                 if current::branch_failed() {
                     current::stay_in_branch();
@@ -116,7 +116,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         plain: Option<PlainTurn<'_>>,
         cx: &mut Context<'_>,
     ) -> Polled<Self> {
-        let (channel, here) = (self.channel(), locked.here());
+        let here = locked.here();
         // SAFETY: it is new; the future is pinned, and its drop withdraws it.
         match unsafe { D::attempt(self.node_pointer(), &mut locked, Some(cx)) } {
             Attempted::NotNow => {
@@ -145,8 +145,12 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                 if has_wake_handle {
                     return self.waits();
                 }
-                // SAFETY: the node was listed.
-                let outcome = unsafe { channel.look_for_partner(self.waiter(), looks, cx) };
+                let outcome = match looks && spin::look(|| self.outcome() != Outcome::Waiting) {
+                    true => self.outcome(),
+                    // SAFETY: the node was listed. A partner comes before this, and has settled the
+                    // node, or finds the wake handle.
+                    false => unsafe { self.renew_wake_handle(Renewal::made(cx)) },
+                };
                 self.looked(outcome, cx)
             }
             Attempted::Held(ready) => {
@@ -227,6 +231,17 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// # Safety
+    ///
+    /// The node was listed, and was not withdrawn.
+    pub(super) unsafe fn renew_wake_handle(&self, renewal: Renewal<'_, '_>) -> Outcome {
+        // SAFETY: this is the future of the node, and no lock is passed on.
+        unsafe {
+            self.channel()
+                .renew_wake_handle(None, self.waiter(), renewal)
+        }
+    }
+
     /// What was seen by looking for the partner.
     #[inline]
     fn looked(&mut self, outcome: Outcome, cx: &Context<'_>) -> Polled<Self> {
@@ -242,16 +257,19 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         let mut outcome = self.outcome();
         let _former;
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-            // A held sender has communicated: no failure takes that back.
-            if outcome == Outcome::Waiting && current::branch_failed() {
+            // A held sender has communicated: no failure takes that back. A failed branch does not
+            // wait for its answer.
+            if (outcome == Outcome::Waiting || D::ANSWERED) && current::branch_failed() {
                 (outcome, _former) = self.unlist();
-                if outcome == Outcome::Waiting {
+                if matches!(outcome, Outcome::Waiting | Outcome::Held) {
                     current::stay_in_branch();
+                }
+                if outcome == Outcome::Waiting {
                     outcome = Outcome::Poisoned;
                 }
             } else {
                 // SAFETY: the node was listed.
-                outcome = unsafe { self.channel().update_wake_handle(self.waiter(), cx) };
+                outcome = unsafe { self.renew_wake_handle(Renewal::of(cx)) };
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
                     return self.waits();
                 }
@@ -261,6 +279,19 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// One that a guard's alternative has chosen waits no more, since its branch has failed.
+    #[cold]
+    pub(super) fn leave_failed(&mut self) {
+        current::stay_in_branch();
+        let (outcome, _former) = self.unlist();
+        self.phase = Phase::Settled(match outcome {
+            Outcome::Waiting => Outcome::Poisoned,
+            outcome => outcome,
+        });
+    }
+}
+
+impl<'a, T, D: GivesUp<T>> Operation<'a, T, D> {
     /// Withdraws: exact, since the outcome is looked at first.
     pub(crate) fn give_up(self: Pin<&mut Self>) -> Result<D::Success<'a>, D::TimeoutFailure> {
         let this = self.in_place();

@@ -1,6 +1,6 @@
 //! An operation that gives up: at a deadline, or when something else happens.
 
-use super::{Direction, Operation, Receiving, Sending};
+use super::{GivesUp, Operation, Receiving, Sending};
 use crate::extended::Releasing;
 use crate::replay;
 use crate::source::InNode;
@@ -24,7 +24,7 @@ pin_project! {
     /// An operation until `S` has ended: a [`SendTimeout`] or a [`RecvTimeout`].
     #[derive(Debug)]
     #[must_use = "an operation does nothing unless awaited"]
-    pub struct Timed<'a, T, D: Direction<T>, S> {
+    pub struct Timed<'a, T, D: GivesUp<T>, S> {
         #[pin]
         pub(crate) operation: Operation<'a, T, D>,
         #[pin]
@@ -32,7 +32,7 @@ pin_project! {
     }
 }
 
-impl<'a, T, D: Direction<T>, S: Future<Output = ()>> Future for Timed<'a, T, D, S> {
+impl<'a, T, D: GivesUp<T>, S: Future<Output = ()>> Future for Timed<'a, T, D, S> {
     type Output = Result<D::Success<'a>, D::TimeoutFailure>;
 
     #[inline(always)]

@@ -48,12 +48,10 @@ impl<T> Waiter<T> {
     /// As for `begin_as`.
     pub(crate) unsafe fn begin(
         node: NonNull<Waiter<T>>,
-        extended: bool,
         select_state: Option<(NonNull<SelectState>, u32)>,
-        make: Option<Make<T>>,
     ) {
         // SAFETY: as is demanded here.
-        unsafe { Self::begin_as(node, WaitNode::new(), extended, select_state, make) };
+        unsafe { Self::begin_as(node, WaitNode::new(), Begun::InFull, select_state, None) };
     }
 
     /// Prepares a node for being listed.
@@ -66,7 +64,7 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn begin_as(
         node: NonNull<Waiter<T>>,
         waits: impl Waits,
-        extended: bool,
+        begun: Begun,
         select_state: Option<(NonNull<SelectState>, u32)>,
         make: Option<Make<T>>,
     ) {
@@ -76,7 +74,7 @@ impl<T> Waiter<T> {
         // lost of a former link.
         unsafe {
             (*node.as_ptr()).link.write(Link {
-                extended,
+                begun,
                 ..Link::in_full(wait, select_state)
             });
             (*node.as_ptr()).seldom = Seldom {
@@ -98,7 +96,7 @@ impl<T> Waiter<T> {
         // SAFETY: the node is live, in no list, and no other thread accesses it, as is demanded
         // here; from `begin` on its link is there.
         unsafe {
-            Self::begin_as(node, waits, false, None, None);
+            Self::begin_as(node, waits, Begun::InFull, None, None);
             (*Self::link(node)).ticket = ticket;
         }
     }
@@ -139,9 +137,6 @@ impl<T> Waiter<T> {
             WaitNode::wait_alone(&raw mut (*link).wait, turn);
             (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
             (&raw mut (*link).begun).write(Begun::Plainly);
-            (&raw mut (*link).extended).write(false);
-            (&raw mut (*link).inherits).write(false);
-            (&raw mut (*link).ticket).write(0);
         }
     }
 
@@ -164,9 +159,6 @@ impl<T> Waiter<T> {
             let link = Self::link(node);
             (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
             (&raw mut (*link).begun).write(Begun::AsGuard);
-            (&raw mut (*link).extended).write(false);
-            (&raw mut (*link).inherits).write(false);
-            (&raw mut (*link).ticket).write(0);
             (*link).select_state.write(Some((select_state, number)));
         }
     }

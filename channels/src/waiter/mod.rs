@@ -47,9 +47,13 @@ pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
 
 /// How a node was begun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Begun {
+pub(crate) enum Begun {
     /// In full: all fields are written.
     InFull,
+    /// In full, as a receiver's that holds its sender.
+    Holding,
+    /// As `Holding`, and the [note](crate::extended::Noted::Note) is an inheritor.
+    Serving,
     /// As a plain operation's that waits, alone or in a queue, on the executor that owns the bias
     /// of the lock, with a wake handle that wakes its process without a waker. While the bias
     /// stays, its partners need not look any further. It has no alternative, and holds its value:
@@ -62,6 +66,14 @@ enum Begun {
     AsGuard,
 }
 
+impl Begun {
+    /// Of a receiver: whether it holds its sender.
+    #[inline(always)]
+    pub(crate) fn holds(self) -> bool {
+        matches!(self, Begun::Holding | Begun::Serving)
+    }
+}
+
 /// The part of a node by which others find it. The fields that all of them touch come first.
 #[repr(C)]
 pub(crate) struct Link {
@@ -69,11 +81,8 @@ pub(crate) struct Link {
     pub(crate) wait: WaitNode,
     pub(crate) outcome: AtomicU8,
     begun: Begun,
-    /// A receiver's: its sender is to be held.
-    pub(crate) extended: bool,
-    /// An extended receiver's: the [note](crate::extended::Noted::Note) is an inheritor.
-    pub(crate) inherits: bool,
-    /// A settled extended receiver's, and a held sender's: number of the rendezvous.
+    /// A settled extended receiver's, and a held sender's: number of the rendezvous. There if it was
+    /// begun in full, or is held.
     pub(crate) ticket: u32,
     /// An alternative's: its select state, and the number of this guard. There if it was begun in
     /// full or as a guard. Before the value, since code that looks at it may not know the type of
@@ -99,8 +108,6 @@ impl Link {
             wait,
             outcome: AtomicU8::new(Outcome::Waiting as u8),
             begun: Begun::InFull,
-            extended: false,
-            inherits: false,
             ticket: 0,
             select_state: MaybeUninit::new(select_state),
         }
@@ -226,8 +233,8 @@ impl<T> Waiter<T> {
         unsafe {
             let link = Self::link(node);
             match (*link).begun {
-                Begun::InFull | Begun::AsGuard => (*link).select_state.assume_init(),
                 Begun::Plainly | Begun::PlainlyAndChanged => None,
+                _ => (*link).select_state.assume_init(),
             }
         }
     }
@@ -354,6 +361,17 @@ impl<T> Waiter<T> {
         // SAFETY: by `# Safety` no other thread accesses the node, and there is no value that would
         // be lost.
         self.value.with_mut(|value| unsafe { (*value).write(new) });
+    }
+
+    /// How it was begun.
+    ///
+    /// # Safety
+    ///
+    /// `node` was begun, and the lock is held that guards it; or only its future knows it.
+    #[inline(always)]
+    pub(crate) unsafe fn begun(node: NonNull<Waiter<T>>) -> Begun {
+        // SAFETY: the node was begun, so the field was written, and no other thread changes it.
+        unsafe { (*Self::link(node)).begun }
     }
 
     /// Takes or makes a listed sender's value. `None` if making it panicked.

@@ -294,7 +294,7 @@ fn outranked(f: impl FnOnce()) {
     let timers = Arc::new(luna_core::timer_queue::TimerQueue::new());
     let _entered = current::enter_executor(executor_id, timers, false);
     let id = current::ProcessId::new();
-    let process = current::Lone::new(id, 0, 0, std::task::Waker::noop().clone(), 0..0);
+    let process = current::Alone::new(id, 0, 0, std::task::Waker::noop().clone());
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready(Some(5)) };
     // SAFETY: this thread is the executor of the process, and the process lives.

@@ -1,9 +1,9 @@
 //! The options of what makes and reads recordings.
 
 use super::SCOPE;
-use super::values::{instant, offset};
 use clap::{Args, ValueEnum};
 use glob::Pattern;
+use luna_command::values::{instant, offset};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;

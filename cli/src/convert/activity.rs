@@ -3,7 +3,7 @@
 
 use super::perfetto::{INSTANT, PROCESS, THREADS, track};
 use crate::failure::Failure;
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::protobuf::Message;
 use luna_logger::format::{Event, Names, Subject, Words};
 use std::collections::{HashMap, HashSet};

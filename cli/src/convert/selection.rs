@@ -4,7 +4,7 @@ use super::recording::{each, time};
 use crate::args::{Convert, Selection};
 use crate::failure::{Failure, failed};
 use glob::Pattern;
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{Event, Names, Record, Subject};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;

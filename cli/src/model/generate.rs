@@ -41,7 +41,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let folder = &arguments.output;
     let model = read(&arguments.file)?;
     let luna = luna(arguments.luna.as_deref())?;
-    let files = model.generate(&luna)?;
+    let files = model.generate(&luna).map_err(super::problem)?;
     check(folder, &files)?;
     // All of them before anything is printed: standard output may be closed.
     let mut done = Vec::new();

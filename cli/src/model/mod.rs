@@ -14,7 +14,7 @@ mod trace;
 use crate::failure::{Failure, failed};
 use crate::result_file;
 use clap::Subcommand;
-use luna_model::Model;
+use luna_model::{Model, Problem};
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -65,7 +65,12 @@ pub(crate) fn drawing(path: &Path) -> Result<String, Failure> {
 
 fn read(path: &Path) -> Result<Model, Failure> {
     let text = fs::read_to_string(path).map_err(failed(path))?;
-    Ok(Model::parse(&path.display().to_string(), &text)?)
+    Model::parse(&path.display().to_string(), &text).map_err(problem)
+}
+
+/// A model is wrong: with its file, line and column.
+fn problem(problem: Problem) -> Failure {
+    Failure::Unusable(problem.to_string())
 }
 
 /// Writes what is made of a model anew each time, and replaces the last one.

@@ -2,7 +2,7 @@
 
 use crate::convert::open;
 use crate::failure::{Failure, failed};
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{ClockBase, Event, Losing, ReadError, Record, Subject};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

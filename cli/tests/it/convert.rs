@@ -109,7 +109,7 @@ fn bytes() -> Vec<u8> {
 
 /// Two processes on an executor, and a loop: a communication, and what is around it.
 fn events() -> Vec<u8> {
-    use luna_core::events::code;
+    use luna_events::code;
     let mut writer = Writer::new(Vec::new()).unwrap();
     let name = |subject, number, parent, name| Record::Name {
         subject,

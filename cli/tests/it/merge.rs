@@ -3,7 +3,7 @@
 use crate::convert::read_trace;
 use crate::run::{luna, text};
 use crate::trace;
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{ClockBase, Event, Record, Subject, Writer};
 use std::path::{Path, PathBuf};
 use std::process::Output;

@@ -3,7 +3,7 @@
 use crate::run::{example, file, luna_model, path, text};
 use luna::log::Logging;
 use luna::prelude::*;
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{Event, Losing, Record, Subject, Writer};
 use std::fs;
 use std::path::Path;

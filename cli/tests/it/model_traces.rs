@@ -5,7 +5,7 @@ use crate::generate::{build, generate};
 use crate::model_trace::traced;
 use crate::package::{cargo, folder};
 use crate::run::{example, path, text};
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{Reader, Record, Writer};
 use std::fs;
 use std::path::Path;

@@ -7,7 +7,9 @@ use std::process::{Command, Output};
 
 pub(crate) fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
-    command.args(arguments);
+    // What is built with these tests, and not what another build has left beside it.
+    let programs = Path::new(env!("CARGO_BIN_EXE_luna")).with_file_name("examples");
+    command.args(arguments).env("LUNA_PROGRAMS", programs);
     command
 }
 

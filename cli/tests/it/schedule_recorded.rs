@@ -2,7 +2,7 @@
 
 use crate::run;
 use crate::schedule::{MODEL, err, flat, out, row, schedule};
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{ClockBase, Event, Losing, Record, Subject, Writer};
 use std::fs;
 

@@ -8,23 +8,45 @@ use luna_platform::fence;
 use luna_platform::lock::PiGuard;
 use luna_platform::sync::atomic::Ordering;
 
-/// Unlocks when dropped. Not `Send`: it stays on the thread that locked. Two words beside the lock,
-/// so that one that is taken and dropped in one function lies in registers.
+/// Unlocks when dropped. Not `Send`: it stays on the thread that locked. At most two words beside
+/// the lock, so that one that is taken and dropped in one function lies in registers.
 #[must_use = "the lock is released when the guard is dropped"]
-pub struct BiasedGuard<'a, T> {
+pub struct Guard<'a, T, H: Hold> {
     pub(super) lock: &'a BiasedLock<T>,
-    pub(super) held: Held<'a>,
+    pub(super) hold: H,
     pub(super) stays_on_its_thread: PhantomData<*const ()>,
 }
 
-luna_platform::debug_fields!(impl[T] BiasedGuard<'_, T>, |guard| lock: guard.lock);
+/// The guard of whichever thread has locked.
+pub type BiasedGuard<'a, T> = Guard<'a, T, ByAny<'a>>;
+
+/// The guard of the owner of the bias: see [`BiasedLock::enter_in`].
+pub type InsideGuard<'a, T> = Guard<'a, T, ByOwner>;
 
 /// How a lock is held.
+pub trait Hold {
+    /// Releases `lock`, once.
+    fn release<T>(&mut self, lock: &BiasedLock<T>);
+}
+
+/// The owner of the bias is inside: its executor's number.
+#[derive(Debug)]
+pub struct ByOwner(pub(super) u64);
+
+impl Hold for ByOwner {
+    #[inline(always)]
+    fn release<T>(&mut self, lock: &BiasedLock<T>) {
+        lock.leave(self.0);
+    }
+}
+
+/// By the owner of the bias, or by another thread.
 ///
 /// # Invariants
 ///
 /// `uses` is there unless the owner of the bias is inside.
-pub(super) struct Held<'a> {
+#[derive(Debug)]
+pub struct ByAny<'a> {
     /// Of the owner of the bias, which is inside: its executor's number. 0: locked in shared mode.
     /// With `BRIEFLY`: the bias was revoked, and is restored to the executor of this number.
     executor: u64,
@@ -34,15 +56,7 @@ pub(super) struct Held<'a> {
 /// No executor's number has this bit.
 const BRIEFLY: u64 = 1 << 63;
 
-impl<'a> Held<'a> {
-    #[inline(always)]
-    pub(super) fn inside(executor: u64) -> Self {
-        Self {
-            executor,
-            uses: MaybeUninit::uninit(),
-        }
-    }
-
+impl<'a> ByAny<'a> {
     pub(super) fn shared(uses: PiGuard<'a, Uses>) -> Self {
         Self {
             executor: 0,
@@ -56,24 +70,46 @@ impl<'a> Held<'a> {
             uses: MaybeUninit::new(uses),
         }
     }
+}
 
+impl Hold for ByAny<'_> {
     #[inline(always)]
-    fn is_inside(&self) -> bool {
-        self.executor.cast_signed() > 0
+    fn release<T>(&mut self, lock: &BiasedLock<T>) {
+        if self.executor.cast_signed() > 0 {
+            return lock.leave(self.executor);
+        }
+        // SAFETY: by the invariant it is there; it is read once, since a guard releases once.
+        let uses = unsafe { self.uses.assume_init_read() };
+        lock.unlock_otherwise(self.executor, uses);
     }
 }
 
-impl<T> Drop for BiasedGuard<'_, T> {
+impl<T, H: Hold> Drop for Guard<'_, T, H> {
     #[inline(always)]
     fn drop(&mut self) {
-        if self.held.is_inside() {
-            return self.lock.leave(self.held.executor);
-        }
-        // SAFETY: by the invariant it is there; it is read once, since this is the drop.
-        let uses = unsafe { self.held.uses.assume_init_read() };
-        self.lock.unlock_otherwise(self.held.executor, uses);
+        self.hold.release(self.lock);
     }
 }
+
+impl<T, H: Hold> Deref for Guard<'_, T, H> {
+    type Target = T;
+    #[inline(always)]
+    fn deref(&self) -> &T {
+        // SAFETY: this guard exists, so by the lock's invariant this thread has access.
+        self.lock.value.with(|value| unsafe { &*value })
+    }
+}
+
+impl<T, H: Hold> DerefMut for Guard<'_, T, H> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut T {
+        // SAFETY: this guard exists, so by the lock's invariant this thread alone has access; the
+        // exclusive borrow of the guard excludes a second borrow of the value through it.
+        self.lock.value.with_mut(|value| unsafe { &mut *value })
+    }
+}
+
+luna_platform::debug_fields!(impl[T, H: Hold] Guard<'_, T, H>, |guard| lock: guard.lock);
 
 impl<T> BiasedLock<T> {
     #[cold]
@@ -97,15 +133,6 @@ pub enum Refused {
     Revoked,
 }
 
-/// The guard of the owner of the bias: see [`BiasedLock::enter_trusted`].
-#[derive(Debug)]
-#[must_use = "the lock is released when the guard is dropped"]
-pub struct InsideGuard<'a, T> {
-    pub(super) lock: &'a BiasedLock<T>,
-    pub(super) executor: u64,
-    pub(super) stays_on_its_thread: PhantomData<*const ()>,
-}
-
 impl<'a, T> InsideGuard<'a, T> {
     /// Leaves; `false` if the bias was revoked meanwhile: then the caller calls
     /// [`BiasedLock::after_revocation`]. For a caller that is to end by that call.
@@ -114,65 +141,25 @@ impl<'a, T> InsideGuard<'a, T> {
     pub fn leave(self) -> bool {
         self.lock.inside.leave();
         fence::light();
-        let is_biased = self.lock.bias.load(Ordering::Relaxed) == self.executor;
+        let is_biased = self.lock.bias.load(Ordering::Relaxed) == self.hold.0;
         core::mem::forget(self);
         is_biased
     }
 
     /// As a guard of either kind.
     #[inline(always)]
-    pub(super) fn held(self) -> Held<'a> {
-        let held = Held::inside(self.executor);
+    pub(super) fn into_any(self) -> ByAny<'a> {
+        let executor = self.hold.0;
         core::mem::forget(self);
-        held
+        ByAny {
+            executor,
+            uses: MaybeUninit::uninit(),
+        }
     }
 
     /// Leaves the lock locked: [`BiasedLock::kept`] returns the guard again.
     #[inline(always)]
     pub fn keep(self) {
         core::mem::forget(self);
-    }
-}
-
-impl<T> Drop for InsideGuard<'_, T> {
-    #[inline(always)]
-    fn drop(&mut self) {
-        self.lock.leave(self.executor);
-    }
-}
-
-impl<T> Deref for InsideGuard<'_, T> {
-    type Target = T;
-    #[inline(always)]
-    fn deref(&self) -> &T {
-        // SAFETY: this guard exists, so by the lock's invariant this thread has access.
-        self.lock.value.with(|value| unsafe { &*value })
-    }
-}
-
-impl<T> DerefMut for InsideGuard<'_, T> {
-    #[inline(always)]
-    fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: this guard exists, so by the lock's invariant this thread alone has access; the
-        // exclusive borrow of the guard excludes a second borrow of the value through it.
-        self.lock.value.with_mut(|value| unsafe { &mut *value })
-    }
-}
-
-impl<T> Deref for BiasedGuard<'_, T> {
-    type Target = T;
-    #[inline]
-    fn deref(&self) -> &T {
-        // SAFETY: this guard exists, so by the lock's invariant this thread has access.
-        self.lock.value.with(|value| unsafe { &*value })
-    }
-}
-
-impl<T> DerefMut for BiasedGuard<'_, T> {
-    #[inline]
-    fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: this guard exists, so by the lock's invariant this thread alone has access; the
-        // exclusive borrow of the guard excludes a second borrow of the value through it.
-        self.lock.value.with_mut(|value| unsafe { &mut *value })
     }
 }

@@ -10,7 +10,7 @@ use luna_platform::on_drop::OnDrop;
 /// process has a [replay log](crate::replay_log); if it has, the upper half is the number of the
 /// branch. One word, since it is saved and restored around each poll.
 #[derive(Clone, Copy)]
-pub(super) struct Branch(pub(super) u64);
+pub(crate) struct Branch(pub(super) u64);
 
 impl Branch {
     /// No branch, but the process itself.
@@ -27,7 +27,7 @@ impl Branch {
 
     /// Whether it is no branch, but the process itself, without a replay log.
     #[inline]
-    pub(super) fn is_whole(self) -> bool {
+    pub(crate) fn is_whole(self) -> bool {
         self.0 == Self::WHOLE.0
     }
 

@@ -125,7 +125,7 @@ luna_platform::debug_fields!(Guest, |guest| executor_id: guest.executor_id);
 mod tests {
     use super::*;
     use crate::biased_lock::BiasedLock;
-    use crate::current::{LEVELS, Lone, ProcessId, enter_executor, with_process};
+    use crate::current::{Alone, LEVELS, ProcessId, enter_executor, with_process};
     use core::task::Waker;
 
     fn guest() -> Guest {
@@ -169,7 +169,7 @@ mod tests {
         let (mut one, mut other) = (guest(), guest());
         one.enter();
         let ours = super::super::timers().unwrap();
-        let process = Lone::new(ProcessId::new(), 7, LEVELS - 1, Waker::noop().clone(), 0..0);
+        let process = Alone::new(ProcessId::new(), 7, LEVELS - 1, Waker::noop().clone());
         // SAFETY: this thread is the executor's, and the process lives.
         let seen = unsafe { with_process(&process, super::super::priority) };
         assert_eq!((seen.thread, seen.level), (7, LEVELS - 1));

@@ -1,8 +1,8 @@
 //! The boosts and waits of a process: see [`Inheritor`](super::Inheritor).
 
+use super::LEVELS;
 use super::executor_thread::ExecutorThread;
 use super::inheritor::Boost;
-use super::process::LEVELS;
 use crate::wait_list::WaitList;
 use alloc::sync::Arc;
 use core::cell::UnsafeCell;
@@ -13,7 +13,7 @@ pub(super) const LEVEL: u8 = LEVELS - 1;
 
 /// The level that a process runs at: its own, or its highest boost. It lies beside the fields of
 /// each turn.
-pub(super) struct LevelNow {
+pub(crate) struct LevelNow {
     level: AtomicU8,
     /// The boost is the priority of the thread.
     has_thread_boost: AtomicBool,
@@ -25,7 +25,7 @@ pub(super) struct LevelNow {
 ///
 /// `counts` and `waits` are accessed under the lock of `thread` alone. `thread` is null, or owns a
 /// reference to the thread of the process' executor; it is set once, on that thread.
-pub(super) struct Inheritance {
+pub(crate) struct Inheritance {
     /// Set for the first [`Inheritor`](super::Inheritor) of the process, since most have none.
     thread: AtomicPtr<ExecutorThread>,
     /// The waits of the process for objects with a holder: see
@@ -80,7 +80,7 @@ impl<const N: usize> Counts<N> {
 }
 
 impl LevelNow {
-    pub(super) fn new(own: u8) -> Self {
+    pub(crate) fn new(own: u8) -> Self {
         Self {
             level: AtomicU8::new(own & LEVEL),
             has_thread_boost: AtomicBool::new(false),
@@ -88,13 +88,13 @@ impl LevelNow {
     }
 
     #[inline]
-    pub(super) fn get(&self) -> u8 {
+    pub(crate) fn get(&self) -> u8 {
         self.level.load(Ordering::Relaxed)
     }
 
     /// The priority of the process' thread, which is `own` without a boost.
     #[inline]
-    pub(super) fn thread(&self, own: u8, inheritance: &Inheritance) -> u8 {
+    pub(crate) fn thread(&self, own: u8, inheritance: &Inheritance) -> u8 {
         if !self.has_thread_boost.load(Ordering::Relaxed) {
             return own;
         }
@@ -115,7 +115,7 @@ impl Drop for Inheritance {
 
 impl Inheritance {
     #[inline]
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             thread: AtomicPtr::new(ptr::null_mut()),
             waits: UnsafeCell::new(WaitList::new()),
@@ -158,7 +158,7 @@ impl Inheritance {
     /// # Safety
     ///
     /// The lock of the executor's boosts is held.
-    pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, boost: Boost, more: bool) -> bool {
+    pub(crate) unsafe fn count(&self, now: &LevelNow, own: u8, boost: Boost, more: bool) -> bool {
         let level = match boost {
             Boost::Nothing => return false,
             Boost::Level(level) => level & LEVEL,

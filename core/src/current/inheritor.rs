@@ -16,9 +16,8 @@
 
 use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
-use super::process::{Priority, QueueEnd};
 use super::wake_handle::Reference;
-use super::{Here, PlainTurn, executor_id, process};
+use super::{Here, PlainTurn, Priority, QueueEnd, executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
 use alloc::sync::Arc;
 use core::cmp::Ordering;
@@ -27,7 +26,7 @@ use core::ptr::NonNull;
 
 /// The boost of an inheritor; a greater one raises it further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Boost {
+pub(crate) enum Boost {
     Nothing,
     Level(u8),
     Thread(u8),
@@ -88,7 +87,7 @@ impl Inheritor {
         if let To::Process(reference) = &inheritor.to
             && inheritor.boost == Boost::Nothing
             && reference.process().executor_number() == here.executor_number()
-            && reference.process().references.remove_unless_ended()
+            && reference.process().remove_unless_ended()
         {
             // SAFETY: it was counted off, so what lies there is overwritten, not dropped.
             unsafe { core::ptr::write(place, None) };
@@ -383,7 +382,7 @@ impl fmt::Debug for Inheritor {
 
 #[cfg(all(test, not(loom)))]
 mod tests {
-    use super::super::{ExecutorId, Lone, ProcessId, enter_executor, priority, with_process};
+    use super::super::{Alone, ExecutorId, ProcessId, enter_executor, priority, with_process};
     use super::*;
     use crate::timer_queue::TimerQueue;
     use core::task::Waker;
@@ -396,7 +395,7 @@ mod tests {
             luna_platform::sync::Arc::new(TimerQueue::new()),
             true,
         );
-        let process = Lone::new(ProcessId::new(), 0, level, Waker::noop().clone(), 0..0);
+        let process = Alone::new(ProcessId::new(), 0, level, Waker::noop().clone());
         // SAFETY: this thread is the executor's, and the process is alive.
         unsafe { with_process(&process, f) };
     }

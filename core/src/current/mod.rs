@@ -6,21 +6,18 @@
 //! plain thread, tokio, smol) it is absent: the priority is then the lowest, and wakes use the
 //! waker.
 
-mod branch;
+pub(crate) mod branch;
 mod branches;
 mod executor_thread;
 mod guest;
-mod inheritance;
-mod inheritor;
-mod lone;
+pub(crate) mod inheritance;
+pub(crate) mod inheritor;
 mod poisoning;
-mod process;
 mod ready;
-mod references;
 mod renewal;
 mod replay;
-mod run_queue;
-mod turn;
+pub(crate) mod run_queue;
+pub(crate) mod turn;
 mod wake_handle;
 
 pub use branch::{
@@ -28,15 +25,10 @@ pub use branch::{
 };
 pub use branches::Branches;
 #[cfg(all(feature = "std", not(loom)))]
-pub use executor_thread::{RefusedBoosts, refused_boosts};
+pub use executor_thread::refused_boosts;
 pub use guest::Guest;
 pub use inheritor::Inheritor;
-pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
-pub use process::{
-    AfterTurn, ExecutorId, LEVELS, Methods, Poll, Priority, Process, ProcessId, ProcessState,
-    QueueEnd, User, fail_current,
-};
 pub use ready::{
     OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready, put_back,
     ready_again, ready_levels, spend_operation, yield_if_outranked, yield_turn,
@@ -50,6 +42,14 @@ pub use turn::{
     take_interrupted, user, with_process,
 };
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
+
+#[cfg(not(loom))]
+pub use crate::process::Alone;
+pub use crate::process::{
+    AfterTurn, ExecutorId, LEVELS, Methods, Priority, Process, ProcessId, ProcessState, QueueEnd,
+    User, fail_current,
+};
+pub(crate) use ready::{unqueue, with_queue};
 
 #[cfg(not(loom))]
 use crate::arc_cache::ArcCache;
@@ -76,12 +76,12 @@ use run_queue::RunQueue;
 /// The fields of each turn and each operation come first, at the beginning of a cache line: so they
 /// share one, whatever other thread-locals a program has.
 #[repr(C, align(64))]
-struct Thread {
+pub(crate) struct Thread {
     /// The process that is polled, or was polled last: see [`end_turns`].
-    process: Cell<Option<NonNull<Process>>>,
+    pub(crate) process: Cell<Option<NonNull<Process>>>,
     /// Where the waker of that process lies, while its turn is a [plain](plain_turn) one.
-    plain: Cell<*const Waker>,
-    branch: Cell<Branch>,
+    pub(crate) plain: Cell<*const Waker>,
+    pub(crate) branch: Cell<Branch>,
     executor_id: Cell<Option<ExecutorId>>,
     operations_left: Cell<u32>,
     /// What the thread writes into the locks that it is inside of.
@@ -90,7 +90,7 @@ struct Thread {
     may_block: Cell<bool>,
     on_path: Cell<bool>,
     abandons: Cell<bool>,
-    queue: RunQueue,
+    pub(crate) queue: RunQueue,
     replay_log: Cell<Option<NonNull<dyn ReplayLog>>>,
 }
 
@@ -182,7 +182,7 @@ pub struct ExecutorGuard {
 ///
 /// Hot paths use this rather than a closure, which the compiler may leave as a call.
 #[inline(always)]
-fn local<'a>() -> &'a Thread {
+pub(crate) fn local<'a>() -> &'a Thread {
     // SAFETY: the state has no destructor, so it is there as long as the thread runs.
     THREAD.with(|thread| unsafe { &*core::ptr::from_ref(thread) })
 }
@@ -207,6 +207,14 @@ impl Thread {
         let waker = process.and_then(|process| unsafe { process.as_ref() }.waker_of_plain_turns());
         self.plain.set(waker.unwrap_or(core::ptr::null()));
         before
+    }
+}
+
+/// The turn of `process` is not a plain one any more, if it has it.
+pub(crate) fn not_plain(process: &Process) {
+    let thread = local();
+    if thread.process.get() == Some(NonNull::from(process)) {
+        thread.plain.set(core::ptr::null());
     }
 }
 

@@ -2,12 +2,12 @@
 
 use super::branch::lowered;
 use super::run_queue::RunQueue;
-use super::{QueueEnd, THREAD, is_replayed, local, plain_turn, process};
+use super::{Process, QueueEnd, THREAD, is_replayed, local, plain_turn, process};
 use core::ptr::NonNull;
 use core::task::Context;
 
 #[inline]
-pub(super) fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {
+pub(crate) fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {
     f(&local().queue)
 }
 
@@ -31,9 +31,8 @@ pub unsafe fn pretend_ready(level: Option<u8>) {
     });
 }
 
-/// Pops the next process of this thread's run queue, and returns its owner. The process was readied
-/// by [`Process::ready_at`](super::Process::ready_at) or a wake handle, and is live as long as its
-/// owner keeps it.
+/// Pops the next process of this thread's run queue. The process was readied by
+/// [`Process::ready_at`] or a wake handle, and is live until it has ended.
 ///
 /// # Safety
 ///
@@ -41,7 +40,7 @@ pub unsafe fn pretend_ready(level: Option<u8>) {
 /// [`with_process`](super::with_process)) or ends it before it is readied again: until then it
 /// counts as queued.
 #[inline(always)]
-pub unsafe fn next_ready() -> Option<NonNull<()>> {
+pub unsafe fn next_ready() -> Option<NonNull<Process>> {
     Some(with_queue(RunQueue::pop)?.cast())
 }
 
@@ -97,13 +96,25 @@ pub fn yield_turn(cx: &Context<'_>) {
 /// [`next_ready`] or [`Process::after_turn`](super::Process::after_turn) has returned it, and
 /// nothing was done with it since.
 #[cold]
-pub unsafe fn put_back(owner: NonNull<()>) {
+pub unsafe fn put_back(process: NonNull<Process>) {
     // SAFETY: the caller promises that it was just taken, so it is live and in no queue; the link
-    // is the first field of a process, and the process that of its owner.
+    // is the first field of a process.
     with_queue(|queue| unsafe {
-        let link = owner.cast::<super::run_queue::Link>();
+        let link = process.cast::<super::run_queue::Link>();
         queue.push_front(link.as_ref().level.get(), link);
     });
+}
+
+/// Takes a process out of this thread's run queue, if it is there.
+///
+/// # Safety
+///
+/// This is its executor's thread, which has not taken it out for a turn that has not begun.
+pub(crate) unsafe fn unqueue(process: &Process) {
+    if process.is_queued() {
+        // SAFETY: by its state it is in the queue, as the caller promises.
+        with_queue(|queue| unsafe { queue.remove(process.link()) });
+    }
 }
 
 #[cold]

@@ -12,16 +12,16 @@ use core::ptr::NonNull;
 /// The links to the neighbours in a run queue, inside the process, so that queueing allocates
 /// nothing. It is in at most one queue at a time, and touched by its executor's thread alone.
 #[derive(Debug)]
-pub(super) struct Link {
+pub(crate) struct Link {
     next: Cell<Option<NonNull<Link>>>,
     previous: Cell<Option<NonNull<Link>>>,
     /// The level that it is queued at, or was last.
-    pub(super) level: Cell<u8>,
+    pub(crate) level: Cell<u8>,
 }
 
 impl Link {
     /// A link that is in no queue.
-    pub(super) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             next: Cell::new(None),
             previous: Cell::new(None),
@@ -47,14 +47,14 @@ impl Link {
 /// The most used fields come first.
 #[derive(Debug)]
 #[repr(C)]
-pub(super) struct RunQueue {
+pub(crate) struct RunQueue {
     slot: Cell<Option<NonNull<Link>>>,
     bits: Cell<u32>,
-    pub(super) tails: [Cell<Option<NonNull<Link>>>; LEVELS as usize],
+    pub(crate) tails: [Cell<Option<NonNull<Link>>>; LEVELS as usize],
 }
 
 impl RunQueue {
-    pub(super) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             slot: Cell::new(None),
             bits: Cell::new(0),
@@ -64,7 +64,7 @@ impl RunQueue {
 
     /// The levels with a ready process, one bit each.
     #[inline(always)]
-    pub(super) fn bits(&self) -> u32 {
+    pub(crate) fn bits(&self) -> u32 {
         let slot = match self.slot.get() {
             // SAFETY: by the invariant the process in the slot is live.
             Some(next) => 1 << unsafe { next.as_ref() }.level.get(),
@@ -75,7 +75,7 @@ impl RunQueue {
 
     /// Whether a process is ready above `level`.
     #[inline(always)]
-    pub(super) fn has_above(&self, level: u8) -> bool {
+    pub(crate) fn has_above(&self, level: u8) -> bool {
         let next = self.slot.get();
         // SAFETY: by the invariant the process in the slot is live, and no other one is queued
         // above it.
@@ -83,14 +83,14 @@ impl RunQueue {
     }
 
     /// Forgets the ready processes.
-    pub(super) fn clear(&self) {
+    pub(crate) fn clear(&self) {
         self.slot.set(None);
         self.bits.set(0);
     }
 
     /// Forgets the ready processes, and queues a link at this level that belongs to none. For
     /// tests: it leaks the link.
-    pub(super) fn pretend(&self, level: u8) {
+    pub(crate) fn pretend(&self, level: u8) {
         self.clear();
         let link = Box::leak(Box::new(Link::new()));
         link.level.set(level);
@@ -99,7 +99,7 @@ impl RunQueue {
 
     /// Takes over the contents of `other`, which is empty from then on. O(1); a few stores if it is
     /// empty already.
-    pub(super) fn take_over(&self, other: &RunQueue) {
+    pub(crate) fn take_over(&self, other: &RunQueue) {
         debug_assert_eq!(self.bits(), 0, "a process that is ready here is forgotten");
         self.slot.set(other.slot.take());
         let bits = other.bits.replace(0);
@@ -123,7 +123,7 @@ impl RunQueue {
     ///
     /// `node` is live until it is popped and is in no queue. `level` is below [`LEVELS`].
     #[inline(always)]
-    pub(super) unsafe fn push_back(&self, level: u8, node: NonNull<Link>) {
+    pub(crate) unsafe fn push_back(&self, level: u8, node: NonNull<Link>) {
         // SAFETY: the caller promises that the node is live and in no queue; by the invariant the
         // process in the slot is live.
         unsafe {
@@ -157,7 +157,7 @@ impl RunQueue {
 
     /// Whether a process is ready.
     #[inline(always)]
-    pub(super) fn is_filled(&self) -> bool {
+    pub(crate) fn is_filled(&self) -> bool {
         self.slot.get().is_some()
     }
 
@@ -168,7 +168,7 @@ impl RunQueue {
     /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
     /// and `level` is below [`LEVELS`].
     #[inline(always)]
-    pub(super) unsafe fn fill(&self, level: u8, node: NonNull<Link>) {
+    pub(crate) unsafe fn fill(&self, level: u8, node: NonNull<Link>) {
         // SAFETY: the caller promises that the node is live.
         unsafe { node.as_ref() }.level.set(level);
         self.slot.set(Some(node));
@@ -181,7 +181,7 @@ impl RunQueue {
     /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
     /// and `level` is below [`LEVELS`].
     #[inline(never)]
-    pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
+    pub(crate) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
         // SAFETY: the caller promises that the node is live and in no queue; by the invariant the
         // process in the slot is live.
         unsafe {
@@ -205,7 +205,7 @@ impl RunQueue {
     /// As for [`push_back`](Self::push_back): `node` is live until it is popped and is in no queue,
     /// and `level` is below [`LEVELS`].
     #[inline(always)]
-    pub(super) unsafe fn exchange(&self, level: u8, node: NonNull<Link>) -> NonNull<Link> {
+    pub(crate) unsafe fn exchange(&self, level: u8, node: NonNull<Link>) -> NonNull<Link> {
         // SAFETY: the caller promises that the node is live and in no queue, until it is pushed,
         // and that `level` is below `LEVELS`; by the invariant the process in the slot is live.
         // After a push a process is ready.
@@ -263,7 +263,7 @@ impl RunQueue {
     /// # Safety
     ///
     /// `node` is in this queue.
-    pub(super) unsafe fn remove(&self, node: NonNull<Link>) {
+    pub(crate) unsafe fn remove(&self, node: NonNull<Link>) {
         if self.slot.get() == Some(node) {
             self.pop();
             return;
@@ -298,7 +298,7 @@ impl RunQueue {
 
     /// Takes the process that runs next.
     #[inline(always)]
-    pub(super) fn pop(&self) -> Option<NonNull<Link>> {
+    pub(crate) fn pop(&self) -> Option<NonNull<Link>> {
         let node = self.slot.get()?;
         let bits = self.bits.get();
         if bits == 0 {

@@ -3,14 +3,8 @@
 use super::*;
 use std::task::{Context, Wake, Waker};
 
-static METHODS: Methods = Methods {
-    ready_elsewhere: |_, _| unreachable!("all is on one thread"),
-    free: |_| {},
-    poll: |_, _| unreachable!("nothing is polled"),
-    poll_attentively: |_, _| unreachable!("nothing is polled"),
-    body: |_| 0..0,
-    seldom: None,
-};
+static METHODS: Methods =
+    Methods::without_body(|_, _| unreachable!("all is on one thread"), |_| {});
 
 /// Counts its wakes; panics in them if set.
 #[derive(Default)]
@@ -84,20 +78,16 @@ fn pretend(level: Option<u8>) {
     unsafe { pretend_ready(level) };
 }
 
-/// Where references can lead.
-#[repr(align(32))]
-struct Aligned(Process);
-
 /// Calls `f` within a process of this level.
 fn within(level: u8, f: impl FnOnce(&Context<'_>)) {
     let executor_id = ExecutorId::new();
     let _entered = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
-    let process = &Aligned(Process::new(ProcessId::new(), executor_id, 0, level)).0;
+    let process = &Process::new(ProcessId::new(), executor_id, 0, level);
     // SAFETY: the process is polled below, on this thread, and is not used after `f`; its methods
     // ignore the owner.
     unsafe {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
-        process.set_owner(NonNull::from(process).cast(), &METHODS);
+        Process::set_methods(NonNull::from(process), &METHODS);
         let waker = process.waker().expect("it was set above").clone();
         with_process(process, || f(&Context::from_waker(&waker)));
     }
@@ -171,7 +161,7 @@ fn one_that_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
         // SAFETY: the queue is empty, so no process is taken.
         assert_eq!(unsafe { next_ready() }, None);
         // SAFETY: this is its executor's thread.
-        process(|process| unsafe { process.expect("one is current").set_ended() });
+        process(|process| unsafe { process.expect("one is current").set_ended(0) });
         ready_again(cx, QueueEnd::Back);
         // SAFETY: the queue is empty, so no process is taken.
         let next = unsafe { next_ready() };
@@ -183,13 +173,13 @@ fn one_that_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
 fn a_turn_that_panics_is_known_to_the_one_that_catches_it() {
     let executor_id = ExecutorId::new();
     let _entered = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
-    let process = &Aligned(Process::new(ProcessId::new(), executor_id, 0, 3)).0;
+    let process = &Process::new(ProcessId::new(), executor_id, 0, 3);
     // SAFETY: the process lives on, and its methods ignore the owner.
     unsafe {
-        process.set_owner(NonNull::from(process).cast(), &METHODS);
+        Process::set_methods(NonNull::from(process), &METHODS);
         process.ready_at(3, QueueEnd::Back);
         assert_eq!(process.activity(), ProcessState::Ready);
-        let next = next_ready().expect("it is ready").cast::<Process>();
+        let next = next_ready().expect("it is ready");
         let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             give_turn(next.as_ref(), || {
                 assert_eq!(next.as_ref().activity(), ProcessState::Running);
@@ -260,27 +250,44 @@ fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
     });
 }
 
+/// The codes and subjects of a thread's events.
+#[cfg(feature = "events")]
+#[derive(Clone, Default)]
+struct Noted(Arc<std::sync::Mutex<Vec<(u16, u32)>>>);
+
+#[cfg(feature = "events")]
+impl crate::events::Trace for Noted {
+    fn put(&self, code: u16, subject: u32, _: [u64; 2]) -> bool {
+        self.0.lock().unwrap().push((code, subject));
+        true
+    }
+
+    fn place(&self) -> (u64, u32) {
+        (0, 0)
+    }
+}
+
 #[test]
 fn a_traced_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
     let executor_id = ExecutorId::new();
     let _entered = enter_executor(executor_id, Arc::new(TimerQueue::new()), false);
-    let process = &Aligned(Process::new(ProcessId::new(), executor_id, 0, 3)).0;
+    let process = &Process::new(ProcessId::new(), executor_id, 0, 3);
     #[cfg(feature = "events")]
-    let mut reader = {
-        let (writer, reader) = crate::events::ring(16, 0, None);
-        crate::events::attach(writer);
-        reader
+    let traced = {
+        let noted = Noted::default();
+        crate::events::attach(Box::new(noted.clone()));
+        noted
     };
     // SAFETY: the process lives on, and its methods ignore the owner. It is polled by this thread
     // alone, with its own waker.
     unsafe {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
-        process.set_owner(NonNull::from(process).cast(), &METHODS);
+        Process::set_methods(NonNull::from(process), &METHODS);
         process.set_traced();
         process.ready_at(3, QueueEnd::Back);
         process.ready_at(3, QueueEnd::Back);
         for _ in 0..2 {
-            let next = next_ready().expect("it is ready").cast::<Process>();
+            let next = next_ready().expect("it is ready");
             assert_eq!(next_ready(), None, "it is queued once");
             let cx = Context::from_waker(next.as_ref().waker().expect("it was set above"));
             give_turn(next.as_ref(), || {
@@ -295,12 +302,9 @@ fn a_traced_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
     {
         use crate::events::code;
         crate::events::detach();
-        let mut words = Vec::new();
-        reader.take(&mut words, 16);
-        let reported: Vec<u64> = words.chunks(4).map(|event| event[0]).collect();
-        let ready = u64::from(process.id().get()) << 32 | u64::from(code::READY) << 16;
         // Readied once from outside, and once in each turn.
-        assert_eq!(reported, [ready; 3]);
+        let ready = (code::READY, process.id().get());
+        assert_eq!(*traced.0.lock().unwrap(), [ready; 3]);
     }
 }
 

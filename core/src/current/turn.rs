@@ -191,7 +191,7 @@ impl<'a> PlainTurn<'a> {
     }
 
     #[inline(always)]
-    pub(super) fn thread(self) -> &'a Thread {
+    pub(crate) fn thread(self) -> &'a Thread {
         self.0
     }
 }

@@ -29,8 +29,7 @@
 //! it would make a value for a choice that may not be made. A panic in the closure is caught at
 //! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
-use super::process::{Process, QueueEnd};
-use super::{Here, LEVELS, PlainTurn, executor_id, lowered, process};
+use super::{Here, LEVELS, PlainTurn, Process, QueueEnd, executor_id, lowered, process};
 use crate::{fetch, park};
 use core::fmt;
 use core::mem::{self, ManuallyDrop};
@@ -65,7 +64,7 @@ impl Reference {
     /// Refers to the current process, at the level of its current branch.
     #[inline]
     pub(super) fn to_current(process: &Process) -> Self {
-        process.references.add();
+        process.references.add_here();
         Self(Self::packed(process))
     }
 
@@ -73,7 +72,7 @@ impl Reference {
     #[inline(always)]
     pub(super) fn of_plain_turn(turn: PlainTurn<'_>) -> Self {
         let process = turn.process();
-        process.references.add();
+        process.references.add_here();
         Self(NonNull::from(process))
     }
 
@@ -129,10 +128,13 @@ impl Reference {
 impl Drop for Reference {
     #[inline]
     fn drop(&mut self) {
-        let is_here = self.is_here();
-        if self.process().references.remove(is_here) {
-            // SAFETY: the count says that this was the last.
-            unsafe { Process::free(self.pointer()) };
+        let process = self.process();
+        if self.is_here() && process.remove_unless_ended() {
+            return;
+        }
+        if process.references.remove_elsewhere() {
+            // SAFETY: the count says that this was the last, of a process that has ended.
+            unsafe { Process::free(process.whole()) };
         }
     }
 }
@@ -290,7 +292,7 @@ impl WakeHandle {
             return false;
         }
         // One that has not ended. Counted off here; a drop must not count again.
-        process.references.remove_before_end();
+        process.references.remove_here();
         // SAFETY: what lies there is overwritten, not dropped.
         unsafe { ptr::write(stored, None) };
         true
@@ -415,7 +417,7 @@ impl PlainPendingWake {
             }
         }
         // One that waits has not ended.
-        process.references.remove_before_end();
+        process.references.remove_here();
         mem::forget(self);
         Ok(())
     }
@@ -437,7 +439,7 @@ impl PlainPendingWake {
         if !unsafe { process.ready_here(0, QueueEnd::Back) } {
             return Err(self);
         }
-        process.references.remove_before_end();
+        process.references.remove_here();
         // Counted off here; the drop must not count again.
         mem::forget(self);
         Ok(())

@@ -1,8 +1,9 @@
-//! Events of the processes of a thread: the contract between the operations and a logger.
+//! Events of the processes of a thread: what the kernel tells the one that traces them.
 //!
-//! A thread that is traced has a ring, made before it runs processes (`attach`). An operation
-//! [reports](report) an event by its code, its subject and two numbers; a time stamp is added. The
-//! logger's documentation describes the events.
+//! A thread that is traced has a [`Trace`], given to it before it runs processes ([`attach`]). An
+//! operation [reports](report) an event by its code, its subject and two numbers. The kernel keeps
+//! none of them: rings, names and time stamps are of `luna-events`, whose documentation describes the
+//! events.
 //!
 //! Without the feature `events` this costs no code and no memory. With it, a thread that is not
 //! traced executes one predictable branch for each event. On the fast path there is a single one,
@@ -11,31 +12,18 @@
 //! that are read anyway select them.
 //!
 //! The other half are names: the code that makes a process, a channel or a loop [names](name) it,
-//! if there is a listener (`listen`). Not for the real-time path, as making one is not.
+//! if something listens ([`listen`]). Not for the real-time path, as making one is not.
 
 pub mod code;
 mod reports;
-#[cfg(any(all(feature = "events", not(loom)), all(test, loom)))]
-mod ring;
+mod trace;
 mod waits;
 
-// Models check the ring alone, not the events.
-#[cfg(all(feature = "events", not(loom)))]
-mod names;
-#[cfg(not(all(feature = "events", not(loom))))]
-#[path = "off.rs"]
-mod thread;
-#[cfg(all(feature = "events", not(loom)))]
-#[path = "on.rs"]
-mod thread;
-#[cfg(all(feature = "events", not(loom)))]
-mod waits_in;
-
 pub use reports::*;
+pub use trace::{Kept, is_on, name, name_executor, name_process, place};
 #[cfg(all(feature = "events", not(loom)))]
-pub use ring::{Losses, Reader, Writer, ring};
-pub use thread::*;
-pub use waits::{beside, waits_for, waits_for_other, waits_for_several, waits_no_more};
+pub use trace::{Listening, Namer, Trace, attach, detach, listen};
+pub use waits::{beside, of_part, waits_for, waits_for_other, waits_for_several, waits_no_more};
 
 /// The kind of a numbered object in an event; as a byte, its code in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -55,17 +43,4 @@ pub enum Kind {
     Loop = 6,
     /// A named part of a process. 7 is a kind of event.
     SubProcess = 8,
-}
-
-#[cfg(all(test, not(loom)))]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn each_code_has_one_name() {
-        for (index, (number, name)) in code::NAMES.iter().enumerate() {
-            assert_eq!(usize::from(*number), index + 1);
-            assert!(!name.is_empty());
-        }
-    }
 }

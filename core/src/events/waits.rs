@@ -99,7 +99,7 @@ pub fn beside<R>(f: impl FnOnce() -> R) -> R {
 
 /// Calls `f`, a part of the current process, and returns what that part waits for then: for
 /// [`code::WAITING`].
-pub(super) fn of_part<R>(f: impl FnOnce() -> R) -> (R, [u64; 2]) {
+pub fn of_part<R>(f: impl FnOnce() -> R) -> (R, [u64; 2]) {
     let before = WAITS.replace(Noted::NOTHING);
     let result = f();
     let waits = arguments();

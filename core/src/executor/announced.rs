@@ -2,8 +2,8 @@
 
 use super::Phase;
 use crate::current;
-use crate::process::is_monitored;
-use crate::task::Unbuilt;
+use crate::process::{Unbuilt, is_monitored};
+use alloc::collections::LinkedList;
 
 /// A process to be, on its executor: see
 /// [`ExecutorHandle::announce`](crate::ExecutorHandle::announce). If it is dropped, the process
@@ -18,7 +18,7 @@ impl Announced {
     /// part of that turn. Then it gets a turn of its own.
     #[inline]
     fn can_be_built_here(&self) -> bool {
-        let shared = self.process.shared();
+        let shared = self.process.executor();
         current::executor_id() == Some(shared.executor_id)
             && shared.phase() == Phase::RELEASED
             && !is_monitored()
@@ -57,14 +57,17 @@ impl Announced {
 
     #[cold]
     fn hand_over(self) -> Option<Announced> {
-        let shared = self.process.shared().clone();
+        let shared = self.process.executor().clone();
+        // The list's node is allocated before the lock is taken.
+        let mut process = LinkedList::from([self.process]);
         {
             let mut arrivals = shared.arrivals.lock();
             if arrivals.closed {
-                return Some(self);
+                drop(arrivals);
+                return process.pop_front().map(|process| Self { process });
             }
             arrivals.announced = arrivals.announced.wrapping_add(1);
-            arrivals.waiting.push(self.process);
+            arrivals.waiting.append(&mut process);
         }
         // A held executor looks when it is released, or waited for: waking it for each process
         // would cost a switch between threads. If it is released meanwhile it has either found the
@@ -76,4 +79,4 @@ impl Announced {
     }
 }
 
-luna_platform::debug_fields!(Announced, |announced| process: announced.process.record());
+luna_platform::debug_fields!(Announced, |announced| process: announced.process.process());

@@ -20,13 +20,9 @@ pub use announced::Announced;
 pub use on_cpu::Executor;
 #[cfg(feature = "std")]
 pub use on_thread::Executor;
-pub(crate) use shared::{Phase, Serves, Shared, give_back};
-pub(crate) use turns::turns;
+pub(crate) use shared::{Phase, Serves, Shared};
 
-use shared::another;
-
-use crate::process::{ExitValue, ProcessHandle, ProcessSpec};
-use crate::task::Unbuilt;
+use crate::process::{ExitValue, ProcessHandle, ProcessSpec, Unbuilt};
 use crate::{current, deferred_free};
 use alloc::sync::Arc;
 use core::cell::Cell;
@@ -121,8 +117,8 @@ impl ExecutorHandle {
     {
         // Processes that come and go without end do not fill the memory.
         deferred_free::collect();
-        let (process, record) = Unbuilt::new(another(&self.shared), spec, build);
-        (Announced { process }, ProcessHandle(record))
+        let (process, handle) = Unbuilt::new(self.shared.clone(), spec, build);
+        (Announced { process }, ProcessHandle(handle))
     }
 }
 

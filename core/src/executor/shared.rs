@@ -1,16 +1,15 @@
 //! What other threads see of an executor.
 
 use super::GIVES_UP;
-use crate::arc_cache::ArcCache;
 use crate::current::ExecutorId;
 use crate::inbound::Inbound;
-use crate::process::{ProcessRegistry, panic_message};
+use crate::process::{self, ProcessRegistry, Unbuilt, panic_message};
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::Stage;
 use crate::spin::Outside;
-use crate::task;
 use crate::timer_queue::DeadlineListener;
 use alloc::boxed::Box;
+use alloc::collections::LinkedList;
 use alloc::format;
 use alloc::sync::Arc;
 use core::any::Any;
@@ -19,11 +18,6 @@ use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::sync::OnceLock;
 use luna_platform::sync::plain::{AtomicU8, AtomicU64, Ordering};
-
-luna_platform::local! {
-    /// What the tasks of this thread that have ended had of the executor that it is.
-    pub(super) static SPARE_SHARED: ArcCache<Shared> = const { ArcCache::new() };
-}
 
 /// How far a thread has come: numbers, since they only rise.
 pub(crate) struct Phase;
@@ -46,19 +40,6 @@ pub(crate) enum Serves {
     /// Without an operating system: the executor ends with the last.
     #[cfg(not(feature = "std"))]
     Cpu,
-}
-
-/// Another reference for a task of an executor.
-#[inline]
-pub(super) fn another(shared: &Arc<Shared>) -> Arc<Shared> {
-    SPARE_SHARED.with(|spare| spare.another(shared))
-}
-
-/// Takes a task's reference back.
-#[inline]
-pub(crate) fn give_back(shared: Arc<Shared>) {
-    // A thread that is ending keeps none any more.
-    let _ = SPARE_SHARED.try_with(move |spare| spare.give_back(shared));
 }
 
 /// What an executor's thread shares with the others.
@@ -87,7 +68,7 @@ pub(crate) struct Shared {
 #[derive(Default)]
 pub(super) struct Arrivals {
     /// To be built on the executor's thread.
-    pub(super) waiting: task::Arrivals,
+    pub(super) waiting: LinkedList<Unbuilt>,
     pub(super) announced: u32,
     pub(super) closed: bool,
 }
@@ -113,7 +94,7 @@ impl Shared {
         if arrived.is_empty() {
             return;
         }
-        while let Some(process) = arrived.pop() {
+        while let Some(process) = arrived.pop_front() {
             process.build();
             self.settled.word().fetch_add(1, Ordering::AcqRel);
         }
@@ -183,7 +164,7 @@ impl Shared {
         // Nothing is built here from now on.
         self.advance(Phase::STOPPING);
         GIVES_UP.set(true);
-        task::end_all(&why);
+        process::end_all(&why);
         GIVES_UP.set(false);
         self.close();
     }
@@ -203,7 +184,7 @@ impl Shared {
             arrivals.closed = true;
             core::mem::take(&mut arrivals.waiting)
         };
-        while let Some(process) = refused.pop() {
+        while let Some(process) = refused.pop_front() {
             drop(process);
             self.settled.word().fetch_add(1, Ordering::AcqRel);
         }

@@ -1,19 +1,16 @@
 //! The loop of an executor's thread: turns, looks outside, rest.
 
-use super::shared::SPARE_SHARED;
 use super::{Phase, Serves, Shared};
 use crate::call_count;
 use crate::current;
 use crate::deadlines::Deadlines;
-use crate::deferred_free;
 use crate::events;
 use crate::file_watch;
 use crate::inbound::Signals;
 use crate::interference;
 use crate::park;
-use crate::process::{Enrolled, prepare_thread};
+use crate::process::{self, Enrolled, prepare_thread, turns};
 use crate::spin;
-use crate::task;
 use crate::timer_queue::TimerQueue;
 use alloc::sync::Arc;
 use core::sync::atomic::Ordering;
@@ -21,7 +18,7 @@ use core::time::Duration;
 use luna_platform::clock::Instant;
 #[cfg(feature = "std")]
 use luna_platform::clock::processor_time;
-use luna_platform::panics::{catch_unwind, resume};
+use luna_platform::panics::catch_unwind;
 
 /// How much earlier than a deadline the kernel is to end a sleep, in nanoseconds: what the thread
 /// takes from there to the process that waits. If the kernel is quicker than that, the thread reads
@@ -71,19 +68,12 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         // A process that is woken before the start is queued; a signal that is left would keep the
         // thread from its sleep.
         while let Some(level) = shared.inbound.signals().highest_level() {
-            task::queue_woken(shared, level);
+            process::queue_woken(shared, level);
         }
         shared.inbound.sleep(Instant::NEVER);
     }
     #[cfg(feature = "std")]
     let before = processor_time();
-    // A thread that may block keeps nothing: it could sleep in the middle of a turn.
-    let frees_later = shared.serves != Serves::One;
-    let keeps = (
-        shared.registry.keep_ends(),
-        frees_later.then(deferred_free::keep_own),
-    );
-    SPARE_SHARED.with(|spare| spare.keep(shared));
     // Not through the `Arc`, which would be read at each turn.
     let shared = &**shared;
     current::set_on_path(true);
@@ -91,28 +81,17 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         turns(|| while round(shared, deadlines, true) {});
     }
     current::set_on_path(false);
-    drop(keeps);
     #[cfg(feature = "std")]
     if let Some((before, after)) = before.zip(processor_time()) {
         // It runs once.
         let _ = shared.processor_time.set(after.saturating_sub(before));
     }
     shared.close();
-    for record in task::records() {
+    for record in process::records() {
         record.cancel();
     }
-    while task::count() > 0 {
-        turns(|| while round(shared, deadlines, false) && task::count() > 0 {});
-    }
-}
-
-/// Runs rounds; ends the process that panics in one. Catching it here and not around each poll
-/// saves that.
-pub(crate) fn turns(rounds: impl FnOnce()) {
-    if let Err(payload) = catch_unwind(rounds)
-        && let Err(own) = task::interrupted(payload)
-    {
-        resume(own);
+    while process::count() > 0 {
+        turns(|| while round(shared, deadlines, false) && process::count() > 0 {});
     }
 }
 
@@ -125,18 +104,18 @@ pub(super) fn round(shared: &Shared, deadlines: &Deadlines, builds_arrivals: boo
         return false;
     }
     // SAFETY: each dequeued process is given a turn at once, or retired.
-    let Some(mut owner) = (unsafe { current::next_ready() }) else {
+    let Some(mut process) = (unsafe { current::next_ready() }) else {
         rest(shared, deadlines);
         return true;
     };
-    // SAFETY: each was just taken from this thread's queue, where only live tasks are.
-    while let Some(next) = unsafe { task::run(owner) } {
+    // SAFETY: each was just taken from this thread's queue.
+    while let Some(next) = unsafe { process::run(process) } {
         if !shared.inbound.signals().is_empty() {
             // SAFETY: it was taken for a turn that is not given, and nothing was done with it.
             unsafe { current::put_back(next) };
             break;
         }
-        owner = next;
+        process = next;
     }
     true
 }
@@ -151,7 +130,7 @@ pub(super) fn look_outside(
     signals: Signals,
 ) -> bool {
     // SAFETY: this is between two polls.
-    unsafe { task::end_turns() };
+    unsafe { process::end_turns() };
     file_watch::glance(shared.inbound.bell());
     if signals.attention() {
         shared.inbound.take_attention();
@@ -169,7 +148,7 @@ pub(super) fn look_outside(
     if let Some(level) = signals.highest_level()
         && current::ready_levels() >> level <= 1
     {
-        task::queue_woken(shared, level);
+        process::queue_woken(shared, level);
     }
     if signals.deadline() {
         deadlines.look();
@@ -181,8 +160,8 @@ pub(super) fn look_outside(
 #[inline(never)]
 pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
     // SAFETY: this is between two polls.
-    unsafe { task::end_turns() };
-    if shared.serves != Serves::Many && task::count() == 0 {
+    unsafe { process::end_turns() };
+    if shared.serves != Serves::Many && process::count() == 0 {
         // An interrupt may have spawned a process since the signals were read.
         #[cfg(not(feature = "std"))]
         if !shared.close_if_none_waits() {
@@ -190,9 +169,6 @@ pub(super) fn rest(shared: &Shared, deadlines: &Deadlines) {
         }
         return shared.advance(Phase::STOPPING);
     }
-    // Flush batched exits and deferred frees before sleeping.
-    shared.registry.report_kept();
-    deferred_free::hand_over();
     sleep(shared, deadlines.rest());
     interference::rest();
 }

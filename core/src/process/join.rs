@@ -1,7 +1,7 @@
 //! Waiting for the end of a process.
 
-use super::Exit;
-use super::record::{Record, Shown};
+use super::end::Shown;
+use super::{Exit, Process};
 use crate::current::{ProcessId, User};
 use crate::waiting::{Kind, Op, OpList};
 use alloc::vec::Vec;
@@ -20,24 +20,24 @@ pin_project! {
     }
 }
 
-struct End<'a>(&'a Record);
+struct End<'a>(&'a Process);
 
 impl<'a> Join<'a> {
-    pub(super) fn new(record: &'a Record) -> Self {
+    pub(super) fn new(process: &'a Process) -> Self {
         Self {
-            op: Op::new(End(record)),
+            op: Op::new(End(process)),
         }
     }
 }
 
-// SAFETY: a record has one lock, and one list of joins, which it guards.
+// SAFETY: a process has one lock, and one list of joins, which it guards.
 unsafe impl Kind for End<'_> {
     type Queue = Shown;
     type Note = ();
     type Output = ();
 
     fn lock(&self) -> impl DerefMut<Target = Shown> {
-        self.0.shown.lock()
+        self.0.record.shown.lock()
     }
 
     fn list<'q>(&self, shown: &'q mut Shown) -> &'q mut OpList<()> {
@@ -58,24 +58,24 @@ impl Future for Join<'_> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Exit> {
         let op = self.project().op;
-        let record = op.kind().0;
+        let process = op.kind().0;
         // One that has waited looks under the lock whether it is still listed.
-        if op.has_waited() || !record.has_ended() {
+        if op.has_waited() || !process.has_ended() {
             ready!(op.poll(cx));
         }
-        record.exit().map_or(Poll::Pending, Poll::Ready)
+        process.exit().map_or(Poll::Pending, Poll::Ready)
     }
 }
 
-/// The processes that wait for the end of `record`'s.
-pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
+/// The processes that wait for the end of `process`.
+pub(super) fn joiners(process: &Process) -> Vec<ProcessId> {
     // Room is made without the lock, for as many as were there when it was held.
     let mut joiners = Vec::new();
     loop {
         let room = joiners.capacity();
         let mut count = 0;
         {
-            let shown = record.shown.lock();
+            let shown = process.record.shown.lock();
             for (user, ()) in shown.joining.waiting() {
                 count += 1;
                 if let User::Process(id) = user
@@ -92,4 +92,4 @@ pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
     }
 }
 
-luna_platform::debug_fields!(Join<'_>, |join| process: join.op.kind().0.name);
+luna_platform::debug_fields!(Join<'_>, |join| process: join.op.kind().0.record.name);

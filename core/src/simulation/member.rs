@@ -2,9 +2,8 @@
 
 use crate::current::{self, Guest};
 use crate::events;
-use crate::executor::{Phase, Shared, turns};
-use crate::process::Enrolled;
-use crate::task::{self, Tasks};
+use crate::executor::{Phase, Shared};
+use crate::process::{self, Enrolled, Processes, turns};
 use crate::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
 use std::any::Any;
@@ -19,7 +18,7 @@ pub(super) struct Member {
     pub(super) shared: Arc<Shared>,
     timers: Arc<TimerQueue>,
     guest: Guest,
-    tasks: Tasks,
+    processes: Processes,
     events: events::Kept,
     /// Whether its name was recorded.
     is_named: bool,
@@ -52,7 +51,7 @@ impl Member {
             timers,
             _end: End(shared.clone()),
             shared,
-            tasks: Tasks::new(),
+            processes: Processes::new(),
             events: events::Kept::default(),
             is_named: false,
             rests: false,
@@ -95,13 +94,13 @@ impl Member {
 
     fn enter(&mut self) {
         self.guest.enter();
-        self.tasks.exchange();
+        self.processes.exchange();
         self.events.exchange();
     }
 
     fn leave(&mut self) {
         self.events.exchange();
-        self.tasks.exchange();
+        self.processes.exchange();
         self.guest.leave();
     }
 
@@ -123,7 +122,7 @@ impl Member {
             turns(|| {
                 loop {
                     // SAFETY: this is between two polls.
-                    unsafe { task::end_turns() };
+                    unsafe { process::end_turns() };
                     self.look_outside();
                     if !runs {
                         break;
@@ -133,17 +132,17 @@ impl Member {
                     }
                     // SAFETY: each dequeued process is given a turn below, before anything else is
                     // done, or retired.
-                    let Some(owner) = (unsafe { current::next_ready() }) else {
+                    let Some(process) = (unsafe { current::next_ready() }) else {
                         break;
                     };
                     if rested && taken == 0 {
                         events::report_executor(events::code::AWAKE);
                     }
                     taken += 1;
-                    // SAFETY: it was just popped from this thread's queue, where only live tasks
+                    // SAFETY: it was just popped from this thread's queue, where only live processes
                     // are: those of this executor, which is entered.
                     unsafe {
-                        if let Some(next) = task::run(owner) {
+                        if let Some(next) = process::run(process) {
                             current::put_back(next);
                         }
                     }
@@ -154,7 +153,7 @@ impl Member {
             });
         }));
         // SAFETY: this is after the last poll.
-        unsafe { task::end_turns() };
+        unsafe { process::end_turns() };
         current::set_on_path(false);
         // A turn that ended in a panic counts too.
         self.left = self.left.saturating_sub(taken);
@@ -202,7 +201,7 @@ impl Member {
         while let Some(level) = shared.inbound.signals().highest_level()
             && (is_held || current::ready_levels() >> level <= 1)
         {
-            task::queue_woken(shared, level);
+            process::queue_woken(shared, level);
         }
     }
 
@@ -213,12 +212,12 @@ impl Member {
             self.shared.advance(Phase::STOPPING);
             self.shared.close();
             self.enter();
-            for record in task::records() {
+            for record in process::records() {
                 record.cancel();
             }
             self.leave();
         }
-        self.tasks.count() == 0
+        self.processes.count() == 0
     }
 
     pub(super) fn is_closed(&self) -> bool {

@@ -7,7 +7,7 @@ use luna::channel::ChannelEnd;
 use luna::external::readable;
 use luna::realtime::off_path;
 use luna::{Error, Process};
-use luna_core::events::{self, code};
+use luna_events::{self as events, code};
 use luna_platform::clock::Clock;
 use std::pin::pin;
 use std::sync::Arc;

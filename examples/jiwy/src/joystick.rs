@@ -57,36 +57,22 @@ impl Recording {
     /// Parses a recording. Columns are found by their names; other columns and empty lines are
     /// ignored.
     pub fn parse(text: &[u8]) -> Result<Self, Error> {
-        let mut reader = csv::ReaderBuilder::new()
-            .flexible(true)
-            .trim(csv::Trim::All)
-            .from_reader(text);
-        let mut record = csv::ByteRecord::new();
-        let header = reader
-            .byte_headers()
-            .map_err(|error| Error::File(error.into()))?
-            .clone();
+        let text = String::from_utf8_lossy(text);
+        let lines = text.trim_start_matches('\u{feff}').lines().zip(1..);
+        let mut lines = lines.filter(|(line, _)| !line.trim().is_empty());
+        let (header, number) = lines.next().ok_or(Error::NoSamples)?;
         let mut places = [0; 3];
         for (place, column) in places.iter_mut().zip(COLUMNS) {
-            let found = header.iter().position(|name| name == column.as_bytes());
-            *place = found.ok_or_else(|| match header.is_empty() {
-                true => Error::NoSamples,
-                false => Error::at(line_of(text, 0), Fault::MissingColumn(column)),
-            })?;
+            let found = fields(header).position(|name| name == column);
+            *place = found.ok_or(Error::at(number, Fault::MissingColumn(column)))?;
         }
 
         let mut samples: Vec<Sample> = Vec::new();
-        while reader
-            .read_byte_record(&mut record)
-            .map_err(|error| Error::File(error.into()))?
-        {
-            let at = record.position().map_or(0, csv::Position::byte);
-            let number = |index: usize| {
+        for (line, number) in lines {
+            let value = |index: usize| {
                 let column = COLUMNS[index];
-                let field = record
-                    .get(places[index])
-                    .ok_or(Fault::MissingColumn(column))?;
-                let field = String::from_utf8_lossy(field);
+                let field = fields(line).nth(places[index]);
+                let field = field.ok_or(Fault::MissingColumn(column))?;
                 match field.parse::<f64>() {
                     Err(_) => Err(Fault::NotANumber {
                         column,
@@ -101,10 +87,10 @@ impl Recording {
             };
             let sample = || -> Result<Sample, Fault> {
                 let sample = Sample {
-                    time: number(0)?,
+                    time: value(0)?,
                     deflection: Deflection {
-                        pan: number(1)?,
-                        tilt: number(2)?,
+                        pan: value(1)?,
+                        tilt: value(2)?,
                     },
                 };
                 match samples.last() {
@@ -115,10 +101,7 @@ impl Recording {
                     _ => Ok(sample),
                 }
             };
-            // Lines are counted only for an error: counting for each sample would take quadratic
-            // time.
-            let sample = sample().map_err(|fault| Error::at(line_of(text, at), fault))?;
-            samples.push(sample);
+            samples.push(sample().map_err(|fault| Error::at(number, fault))?);
         }
         match samples.is_empty() {
             true => Err(Error::NoSamples),
@@ -202,19 +185,10 @@ pub enum Fault {
     },
 }
 
-/// The line with the first text at or after `byte`. The reader's own count is wrong after `\r
-/// ` and empty lines.
-fn line_of(text: &[u8], byte: u64) -> u64 {
-    let from = (byte as usize).min(text.len());
-    let skipped = text[from..]
-        .iter()
-        .take_while(|byte| byte.is_ascii_whitespace())
-        .count();
-    let ends = text[..from + skipped]
-        .iter()
-        .filter(|byte| **byte == b'\n')
-        .count();
-    ends as u64 + 1
+/// What stands between the commas of a line, without spaces and quotation marks around it.
+fn fields(line: &str) -> impl Iterator<Item = &str> {
+    let fields = line.split(',');
+    fields.map(|field| field.trim().trim_matches('"'))
 }
 
 #[cfg(test)]

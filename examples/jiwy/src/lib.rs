@@ -3,7 +3,7 @@
 //!
 //! [`network::build`] creates the processes and connects them; `processes` has their code,
 //! [`parts`] their computations. [`hardware`] has their view of the machine, and the machine:
-//! processes that simulate it, a simulator outside of the system, or a card.
+//! processes that simulate it, or a simulator outside of the system.
 //!
 //! ```
 //! use luna::prelude::*;
@@ -38,6 +38,8 @@ pub mod joystick;
 pub mod network;
 pub mod parts;
 mod processes;
+mod verdict;
 
 pub use axes::{AXES, Axis};
 pub use network::{Executors, Findings, Settings, Start};
+pub use verdict::verdict;

@@ -8,7 +8,8 @@ use crate::lane::{self, Inlet};
 use crate::registry::{Declared, Losses, RegisterError, Signals};
 use crate::sample::Sample;
 use crate::signal::SignalBuilder;
-use luna_platform::clock::{Counter, Instant};
+use luna_machine::counter::Counter;
+use luna_platform::clock::Instant;
 use std::cell::{Cell, RefCell};
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -55,7 +56,7 @@ pub struct Hub {
 /// What a recording needs that has begun.
 pub(crate) struct Begun {
     #[cfg(feature = "events")]
-    pub(crate) names: Option<Arc<luna_core::events::Names>>,
+    pub(crate) names: Option<Arc<luna_events::Names>>,
 }
 
 /// What time stamps are read from.
@@ -206,7 +207,7 @@ impl Hub {
         #[cfg(feature = "events")]
         if is_new {
             // They were another's.
-            luna_core::events::detach();
+            luna_events::detach();
         }
         if is_new && self.is_recording() {
             lane::prepare(self);

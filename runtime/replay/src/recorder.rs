@@ -7,7 +7,7 @@ pub(crate) use track::Track;
 use super::error::RecordError;
 use super::file::{BlockKind, Writer};
 use luna_core::Name;
-use luna_core::byte_ring::ByteRing;
+use luna_events::ByteRing;
 use luna_machine::{new_file, signals};
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::collections::HashMap;

@@ -1,7 +1,6 @@
 //! A process' budgets while it runs: measured on its thread, read by the thread that runs the
 //! system.
 
-use super::under_way::UnderWay;
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, OnOverrun};
 use crate::error::Error;
 use crate::safety::{Cause, Emergency};
@@ -10,7 +9,7 @@ use luna_core::{PollMonitor, ProcessRegistry, Verdict};
 use luna_platform::clock::{Instant, nanos};
 use luna_platform::lock::PiLock;
 use std::any::Any;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -134,27 +133,14 @@ impl Ledger {
 
     /// Notes it, and returns whether it is the first.
     fn overdue(&self, kind: BudgetKind, budget: Duration, began: Instant, now: Instant) -> bool {
-        let taken = now - began;
         let mut books = self.books.lock();
         if books.offence.is_some() {
             return false;
         }
-        books.offence = Some(Error::BudgetOverrun {
-            kind,
-            budget,
-            taken,
-        });
-        books.counted = Some((kind, began));
-        let overruns = books.overruns(kind);
-        overruns.count += 1;
         // What the kernel has counted of the thread is not known here.
-        let worst = BudgetOverrun {
-            at: began,
-            taken,
-            of_loop: None,
-            usage: None,
-        };
-        overruns.worst.get_or_insert((worst, None));
+        let overrun = BudgetOverrun::new(began, now - began, None);
+        books.note(kind, budget, (overrun, None), true);
+        books.counted = Some((kind, began));
         true
     }
 
@@ -169,35 +155,14 @@ impl Ledger {
         began: Instant,
         now: Instant,
     ) {
-        let taken = now - began;
+        let policy = self.on_overrun();
         let mut books = self.books.lock();
-        let usage = books.accounting.turn(now);
-        let was_counted = books.counted == Some((kind, began));
-        let overruns = books.overruns(kind);
-        overruns.count += u64::from(!was_counted);
-        let worst = overruns.worst.as_ref();
-        if worst.is_none_or(|(worst, _)| worst.taken < taken) {
-            let worst = BudgetOverrun {
-                at: began,
-                taken,
-                of_loop: None,
-                usage,
-            };
-            overruns.worst = Some((worst, of_loop));
-        }
-        let ends = matches!(self.on_overrun(), OnOverrun::Poison | OnOverrun::Emergency);
-        let is_first = ends && books.offence.is_none();
-        if is_first {
-            books.offence = Some(Error::BudgetOverrun {
-                kind,
-                budget,
-                taken,
-            });
-        }
-        let is_news =
-            self.on_overrun() == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
+        let overrun = BudgetOverrun::new(began, now - began, books.accounting.turn(now));
+        let ends = matches!(policy, OnOverrun::Poison | OnOverrun::Emergency);
+        let is_first = books.note(kind, budget, (overrun, of_loop), ends);
+        let is_news = policy == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
         drop(books);
-        match (self.on_overrun(), self.system.get()) {
+        match (policy, self.system.get()) {
             (OnOverrun::Poison, _) => self.ended_for_overrun.store(true, Ordering::Relaxed),
             (OnOverrun::Warn, Some((_, registry))) if is_news => registry.announce(),
             (OnOverrun::Emergency, Some((emergency, _))) if is_first => {
@@ -263,6 +228,34 @@ impl Ledger {
 }
 
 impl Books {
+    /// Counts an overrun, once also if it was found before it ended, and keeps the worst. Returns
+    /// whether the process or the system is to end for it, and was not yet.
+    fn note(
+        &mut self,
+        kind: BudgetKind,
+        budget: Duration,
+        overrun: (BudgetOverrun, Option<LoopName>),
+        ends: bool,
+    ) -> bool {
+        let BudgetOverrun { at, taken, .. } = overrun.0;
+        let was_counted = self.counted == Some((kind, at));
+        let overruns = self.overruns(kind);
+        overruns.count += u64::from(!was_counted);
+        let worst = overruns.worst.as_ref();
+        if worst.is_none_or(|(worst, _)| worst.taken < taken) {
+            overruns.worst = Some(overrun);
+        }
+        let is_first = ends && self.offence.is_none();
+        if is_first {
+            self.offence = Some(Error::BudgetOverrun {
+                kind,
+                budget,
+                taken,
+            });
+        }
+        is_first
+    }
+
     fn overruns(&mut self, kind: BudgetKind) -> &mut Overruns {
         match kind {
             BudgetKind::Poll => &mut self.poll,
@@ -310,4 +303,60 @@ impl PollMonitor for Ledger {
             Verdict::GoOn
         }
     }
+}
+
+/// As many cycles of a process are looked at while they last: one for each of its loops.
+const CYCLES: usize = 8;
+
+/// When each of them began. Written by the thread that runs the process, one store each; read by
+/// the thread that runs the system.
+#[derive(Debug, Default)]
+struct UnderWay {
+    poll: AtomicU64,
+    cycles: [AtomicU64; CYCLES],
+}
+
+/// No instant of a begin is 0: the system runs then.
+const NONE: u64 = 0;
+
+impl UnderWay {
+    /// A poll begins. O(1), a store.
+    fn poll_begins(&self, now: Instant) {
+        self.poll.store(now.as_nanos(), Ordering::Release);
+    }
+
+    fn poll_ends(&self) {
+        self.poll.store(NONE, Ordering::Release);
+    }
+
+    /// A cycle begins. Gives its place, if there is one. O(1).
+    fn cycle_begins(&self, now: Instant) -> Option<usize> {
+        let take = |place: &AtomicU64| {
+            let (order, failed) = (Ordering::AcqRel, Ordering::Relaxed);
+            let taken = place.compare_exchange(NONE, now.as_nanos(), order, failed);
+            taken.is_ok()
+        };
+        self.cycles.iter().position(take)
+    }
+
+    fn cycle_ends(&self, place: usize) {
+        if let Some(place) = self.cycles.get(place) {
+            place.store(NONE, Ordering::Release);
+        }
+    }
+
+    /// When the poll began that is under way, if one is.
+    fn poll(&self) -> Option<Instant> {
+        begun(&self.poll)
+    }
+
+    /// When the first of the cycles began that are under way.
+    fn first_cycle(&self) -> Option<Instant> {
+        self.cycles.iter().filter_map(begun).min()
+    }
+}
+
+fn begun(place: &AtomicU64) -> Option<Instant> {
+    let nanos = place.load(Ordering::Acquire);
+    (nanos != NONE).then(|| Instant::from_nanos(nanos))
 }

@@ -2,7 +2,6 @@
 //! it takes longer.
 
 mod ledger;
-mod under_way;
 
 pub(crate) use ledger::{CycleWatch, Ledger};
 pub(crate) use luna_config::deployment::Budgets;
@@ -43,6 +42,17 @@ pub struct BudgetOverrun {
     pub of_loop: Option<String>,
     /// What the kernel counted of the thread: whether it was on the processor all that time.
     pub usage: Option<UsageSince>,
+}
+
+impl BudgetOverrun {
+    fn new(at: Instant, taken: Duration, usage: Option<UsageSince>) -> Self {
+        Self {
+            at,
+            taken,
+            of_loop: None,
+            usage,
+        }
+    }
 }
 
 impl fmt::Display for BudgetReport {

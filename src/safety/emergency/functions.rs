@@ -2,7 +2,7 @@
 //! which function; this module holds the functions and their outcomes.
 
 use crate::error::{Result, SetupError};
-use luna_core::failover::{FailoverSequence, Leg, Turn};
+use luna_machine::failover::{FailoverSequence, Leg, Turn};
 use luna_machine::signals;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;

@@ -6,7 +6,7 @@
 //! | leaves behind a worker that hangs | any other on duty | [`functions`](super::functions) |
 //! | keeper: takes signals from the emergency's end to the run's | the first that finds the end | [`member`] |
 //! | on duty: sleeps until there is an event, such as a signal | two, then more | [`member`] |
-//! | in reserve: takes over a core, or the place of one that hangs | the rest | [`reserve`] |
+//! | in reserve: takes over a core, or the place of one that hangs | the rest | [`member`] |
 //! | wakes the watcher when a function may have taken too long | none: the kernel | here |
 //! | start and end | the one in `System::run` | [`threads`] |
 //!
@@ -19,7 +19,6 @@
 //! duty.
 
 mod member;
-mod reserve;
 mod threads;
 
 use super::Emergency;
@@ -28,9 +27,10 @@ use luna_machine::alarm::EventAlarm;
 use luna_machine::crash::{CrashSlot, MAX_MEMBERS};
 use luna_machine::facts::{PreemptionModel, Source};
 use luna_machine::signals;
+use luna_machine::threads::{ThreadNumber, demote, promote};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::thread::{self, Policy, ThreadNumber};
+use luna_platform::thread::Policy;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};
 use std::time::Duration;
@@ -126,7 +126,7 @@ impl EmergencyWorkers {
     fn leave_behind(&self, member: u8) {
         self.left_behind.fetch_or(1 << member, Ordering::AcqRel);
         if let Some(number) = self.numbers[usize::from(member)].get() {
-            thread::demote(*number);
+            demote(*number);
         }
         self.bring_on_duty();
     }
@@ -144,7 +144,7 @@ impl EmergencyWorkers {
         if let Some(number) = number.filter(|_| !self.is_left_behind(next as u8)) {
             // First its priority, so that it runs as soon as it is woken.
             if let Some(policy) = self.policy.get() {
-                thread::promote(*number, *policy);
+                promote(*number, *policy);
             }
             self.parkers[next as usize].unpark();
         }

@@ -1,7 +1,7 @@
 //! A process that is about to be spawned.
 
-use super::{settled, spare};
-use crate::csp::process::{Build, IntoProcess, Prepared};
+use super::settled;
+use crate::csp::process::{IntoProcess, Prepared};
 use crate::error::{Result, SetupError};
 use crate::log::{Sample, SignalBuilder};
 use crate::parameters::{ParameterBuilder, Tunable};
@@ -229,11 +229,7 @@ impl ProcessBuilder {
     /// error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         let (system, plan) = self.planned(process)?;
-        let (id, runs) = system.add_process(plan)?;
-        if runs {
-            spare(system);
-        }
-        Ok(id)
+        system.add_process(plan)
     }
 
     /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and
@@ -261,16 +257,11 @@ impl ProcessBuilder {
     /// ```
     pub fn start<M>(self, process: impl IntoProcess<M>) -> Result<ProcessHandle> {
         let (system, plan) = self.planned(process)?;
-        let handle = system.start_process(plan)?;
-        spare(system);
-        Ok(handle)
+        system.start_process(plan)
     }
 
     #[inline]
-    fn planned<M>(
-        mut self,
-        process: impl IntoProcess<M>,
-    ) -> Result<(Arc<Plan>, ProcessPlan<impl Build>)> {
+    fn planned<M>(mut self, process: impl IntoProcess<M>) -> Result<(Arc<Plan>, ProcessPlan)> {
         let ledger = self.check(true).inspect_err(|_| self.plan.note_refusal())?;
         Ok(self.described(ledger, process.prepare()))
     }
@@ -298,15 +289,11 @@ impl ProcessBuilder {
             .check(false)
             .inspect_err(|_| self.plan.note_refusal())?;
         self.shares_name = false;
-        let nothing = Prepared {
-            resident: None,
-            build: (),
-        };
-        let (system, plan) = self.described(ledger, nothing);
+        let (system, mut plan) = self.described(ledger, Prepared::nothing());
         let names = system.reserve(&plan)?;
         let declared = system.stand_ins().declare::<E>(plan.name());
         // Without the lock: what is made here is the user's.
-        let prepared = match declared.inspect_err(|_| system.note_refusal())? {
+        plan.prepared = match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
                 // From here on it is used up, so the names stay taken, also if what is the user's
                 // panics.
@@ -314,12 +301,12 @@ impl ProcessBuilder {
                 (stand_in.prepare)(Box::new(ends))
             }
             None => {
-                let prepared = body(ends).prepare().boxed();
+                let prepared = body(ends).prepare();
                 names.keep();
                 prepared
             }
         };
-        system.add_reserved(plan.map(|_| prepared))
+        system.add_reserved(plan)
     }
 
     /// Takes what the system file states of the process, and looks whether the description is
@@ -349,11 +336,11 @@ impl ProcessBuilder {
 
     /// The description, with what is [prepared](IntoProcess::prepare) for its body.
     #[inline]
-    fn described<B>(
+    fn described(
         self,
         ledger: Option<Arc<Ledger>>,
-        prepared: Prepared<B>,
-    ) -> (Arc<Plan>, ProcessPlan<B>) {
+        prepared: Prepared,
+    ) -> (Arc<Plan>, ProcessPlan) {
         let mut spec = self.spec.level(self.level);
         if let Some(ledger) = &ledger {
             spec = spec.monitored(ledger.clone());

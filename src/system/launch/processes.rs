@@ -1,11 +1,9 @@
 //! The start of the processes: every `pre_run`, and then all of them held.
 
 use super::super::neighbours;
-use super::super::plan::{
-    Member, NamedThread, NotStarted, Placement, Plan, ProcessPlan, Running, Started,
-};
+use super::super::plan::{Member, NamedThread, NotStarted, Plan, ProcessPlan, Running, Started};
 use crate::csp::composition::ThreadPart;
-use crate::csp::process::{clean_up, prepare};
+use crate::csp::process::clean_up;
 use crate::error::{Error, Result};
 use luna_core::Executor;
 use luna_core::current::ProcessId;
@@ -67,17 +65,12 @@ pub(super) fn start_processes(
 
 /// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
 fn pre_run_all(running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
-    // Loops that are made there are the system's.
-    let _scope = running.common.scope.clone().enter_until_dropped(true);
     for index in 0..processes.len() {
         let process = &mut processes[index];
         let Some(resident) = &mut process.prepared.resident else {
             continue;
         };
-        let log = running.common.log.enter();
-        let prepared = prepare(&mut **resident);
-        drop(log);
-        if let Err(error) = prepared {
+        if let Err(error) = running.common.prepare(&mut **resident) {
             let error = error.in_process(process.name());
             for earlier in processes[..index].iter_mut().rev() {
                 clean_up(earlier.prepared.resident.take());
@@ -107,11 +100,7 @@ impl Held {
     ) -> Result<()> {
         let mut prepared = prepared.into_iter();
         while let Some(mut process) = prepared.next() {
-            if let Placement::Thread(attributes) = &mut process.place
-                && running.simulation.is_none()
-            {
-                neighbours::join(attributes, &running.executors, places, &self.threads);
-            }
+            neighbours::join(&mut process.place, running, places, &self.threads);
             let id = process.id();
             match running.start(process) {
                 Ok((member, started)) => {
@@ -140,6 +129,6 @@ impl Held {
         self.members
             .into_iter()
             .rev()
-            .for_each(|(_, mut member)| drop(clean_up(member.take_resident())));
+            .for_each(|(_, mut member)| drop(clean_up(member.resident.take())));
     }
 }

@@ -1,9 +1,8 @@
 //! How a process comes to a system: described beside others, or started beside those that run.
 
-use super::described::{Names, Placement, ProcessPlan};
 use super::running::{Running, Started};
-use super::{Members, Phase, Plan, duplicate};
-use crate::csp::process::{Build, Room, announce, clean_up, prepare};
+use super::{Members, Names, Phase, Placement, Plan, ProcessPlan, duplicate};
+use crate::csp::process::clean_up;
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
 use luna_core::ProcessHandle;
@@ -33,7 +32,7 @@ impl Drop for Reservation<'_> {
 
 impl Plan {
     /// Takes the names of a process that has no body yet.
-    pub(crate) fn reserve<B>(&self, plan: &ProcessPlan<B>) -> Result<Reservation<'_>> {
+    pub(crate) fn reserve(&self, plan: &ProcessPlan) -> Result<Reservation<'_>> {
         drop(self.admit(plan)?);
         Ok(Reservation {
             plan: self,
@@ -41,87 +40,59 @@ impl Plan {
         })
     }
 
-    /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
-    pub(crate) fn add_reserved(&self, plan: ProcessPlan) -> Result<ProcessId> {
+    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is
+    /// the user's, and those that have ended meanwhile.
+    pub(crate) fn add_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
-        let mut members = self.members();
-        if members.phase == Phase::Ended {
-            drop(members);
-            return Err(self.ended(plan.name()));
-        }
-        if members.running.is_some() {
-            self.start_prepared(members, plan)?;
-        } else {
-            members.waiting.push(plan);
-        }
+        self.add_admitted(self.admit(&plan)?, plan)?;
         Ok(id)
     }
 
-    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is
-    /// the user's, and those that have ended meanwhile. Gives whether they run, too.
-    pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<(ProcessId, bool)> {
+    /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
+    pub(crate) fn add_reserved(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
-        let members = self.admit(&plan)?;
-        let runs = members.running.is_some();
-        self.add_admitted(members, plan, false)?;
-        Ok((id, runs))
+        self.add_admitted(self.members(), plan)?;
+        Ok(id)
     }
 
     /// As [`add_process`](Self::add_process), to a system that runs.
-    pub(crate) fn start_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessHandle> {
+    pub(crate) fn start_process(&self, plan: ProcessPlan) -> Result<ProcessHandle> {
         let mut members = self.admit(&plan)?;
         if members.running.is_none() {
             members.give_back(&plan.names());
             drop(members);
             self.note_refusal();
-            let process = plan.name().to_string();
+            let process = plan.name().to_owned();
             return Err(SetupError::NotRunning { process }.into());
         }
-        match self.add_admitted(members, plan, true)? {
+        match self.add_admitted(members, plan)? {
             Some(handle) => Ok(handle),
             None => unreachable!("the system runs"),
         }
     }
 
-    /// Gives the handle of a process that starts at once, if it is `wanted`.
-    fn add_admitted<B: Build>(
+    /// Adds a process whose names are taken. Gives its handle if it is started.
+    fn add_admitted(
         &self,
         mut members: MutexGuard<'_, Members>,
-        plan: ProcessPlan<B>,
-        wanted: bool,
+        plan: ProcessPlan,
     ) -> Result<Option<ProcessHandle>> {
-        let id = plan.id();
-        let Members {
-            running: Some(running),
-            started,
-            ..
-        } = &mut *members
-        else {
-            members.waiting.push(plan.boxed());
+        if members.phase == Phase::Ended {
+            drop(members);
+            return Err(self.ended(plan.name()));
+        }
+        let Some(running) = members.running.clone() else {
+            members.waiting.push(plan);
             return Ok(None);
         };
-        let number = match plan.place {
-            Placement::Executor(number) if plan.prepared.resident.is_none() => number,
-            _ => return self.start_prepared(members, plan.boxed()).map(Some),
-        };
-        let build = plan.prepared.build;
-        // The lock is kept from the look at the phase until it is entered: the end cannot come in
-        // between.
-        let announce =
-            |executor: &_, spec, frame| announce(Room::Plain(build), executor, spec, frame);
-        let (mut member, announced) =
-            running.announce(number, plan.spec, plan.ledger, None, announce);
-        let handle = wanted.then(|| member.handle(id));
-        member.set_late();
-        member.shares_name = plan.shares_name;
-        started.enter(id, member, &running.common.emergency);
-        // An executor that builds it here is in a process' turn, so it does not end meanwhile.
-        drop(announced.start_under(members));
-        Ok(handle)
+        let names = plan.names();
+        self.start_late(members, &running, plan)
+            .map(Some)
+            .inspect_err(|_| self.members().give_back(&names))
     }
 
     /// Refuses if the system has ended; else takes the [names](Names) of the process.
-    fn admit<B>(&self, plan: &ProcessPlan<B>) -> Result<MutexGuard<'_, Members>> {
+    fn admit(&self, plan: &ProcessPlan) -> Result<MutexGuard<'_, Members>> {
         let name = plan.name();
         let mut guard = self.members();
         let members = &mut *guard;
@@ -132,13 +103,13 @@ impl Plan {
         if let Some(running) = &members.running {
             members.started.note_ends(&running.common);
         }
-        if !plan.shares_name && !members.started.take_name(name) {
+        if !plan.shares_name && !members.started.take_name(plan.spec.name()) {
             // The process that had it may have ended, and others may know that, though its executor
             // has not reported it yet.
             if let Some(running) = &members.running {
                 members.started.look_for_ends(&running.common.emergency);
             }
-            if !members.started.take_name(name) {
+            if !members.started.take_name(plan.spec.name()) {
                 self.note_refusal();
                 return Err(duplicate("process", name));
             }
@@ -147,27 +118,12 @@ impl Plan {
             && let Err(refused) = members.take_thread_name(thread)
         {
             if !plan.shares_name {
-                members.started.give_name_back(name);
+                members.started.give_name_back(plan.spec.name());
             }
             self.note_refusal();
             return Err(refused);
         }
         Ok(guard)
-    }
-
-    /// Starts a process that takes longer, beside those that run.
-    fn start_prepared(
-        &self,
-        members: MutexGuard<'_, Members>,
-        plan: ProcessPlan,
-    ) -> Result<ProcessHandle> {
-        let (name, names) = (plan.name().clone(), plan.names());
-        let Some(running) = members.running.clone() else {
-            drop(members);
-            return Err(self.ended(&name));
-        };
-        self.start_late(members, &running, plan, &name)
-            .inspect_err(|_| self.members().give_back(&names))
     }
 
     /// Forgets a process that has ended before it was entered: its end is reported before that.
@@ -184,32 +140,24 @@ impl Plan {
         mut members: MutexGuard<'a, Members>,
         running: &Running,
         mut plan: ProcessPlan,
-        name: &str,
     ) -> Result<ProcessHandle> {
         let id = plan.id();
-        let _clock = running.common.clock.enter();
+        let has_phases = plan.prepared.resident.is_some();
+        let _clock = has_phases.then(|| running.common.clock.enter());
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
-            let _scope = running.common.scope.clone().enter_until_dropped(true);
-            let log = running.common.log.enter();
-            prepare(&mut **resident).map_err(|error| error.in_process(name))?;
-            drop(log);
+            let prepared = running.common.prepare(&mut **resident);
+            prepared.map_err(|error| error.in_process(plan.name()))?;
             members = self.members();
         }
         if members.phase == Phase::Ended {
             drop(members);
+            let ended = self.ended(plan.name());
             clean_up(plan.prepared.resident);
-            return Err(self.ended(name));
+            return Err(ended);
         }
         let on_thread = matches!(plan.place, Placement::Thread(_));
-        if let Placement::Thread(attributes) = &mut plan.place
-            && running.simulation.is_none()
-        {
-            let Members {
-                places, threads, ..
-            } = &*members;
-            neighbours::join(attributes, &running.executors, places, threads);
-        }
+        neighbours::join(&mut plan.place, running, &members.places, &members.threads);
         // For an executor the lock is kept from the look at the phase until it is entered: the end
         // cannot come in between. No user code runs there.
         let held = (!on_thread).then_some(members);
@@ -230,11 +178,11 @@ impl Plan {
             // Its body ends before it began.
             drop(started);
             self.never_entered(running, id);
-            clean_up(member.take_resident());
-            return Err(self.ended(name));
+            clean_up(member.resident.take());
+            return Err(self.ended(member.name()));
         }
-        let handle = member.handle(id);
-        member.set_late();
+        let handle = member.handle.clone();
+        member.is_late = true;
         let emergency = &running.common.emergency;
         members.started.enter(id, member, emergency);
         match started {

@@ -1,29 +1,27 @@
 //! What a system is to be, and what it has become: shared by its handles.
 
 mod admission;
-mod described;
 mod running;
-
-use described::Names;
-pub(crate) use described::{Placement, ProcessPlan};
-pub(crate) use running::{Member, NamedThread, NotStarted, On, Running, Started};
-
 use super::clock::ClockPlan;
 use super::register::Register;
 use super::stand_in::StandIns;
 use crate::csp::composition::ThreadPart;
+use crate::csp::process::Prepared;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::log::{Asked, Log};
 use crate::notice::notice;
 use crate::report::Report;
-use crate::safety::{Emergency, Guardian};
+use crate::safety::{Emergency, Guardian, Ledger};
 use crate::time::{Manager, StampState};
 use luna_config::deployment::{self, Deployment};
 use luna_config::file;
 use luna_config::parameters::Store;
+use luna_core::current::ProcessId;
+use luna_core::{Name, ProcessSpec};
 use luna_platform::thread::Attributes;
 use luna_replay::session::SessionPlan;
+pub(crate) use running::{Member, NamedThread, NotStarted, On, Running, Started};
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
 use std::path::Path;
@@ -303,5 +301,67 @@ impl Plan {
             process: process.to_owned(),
         }
         .into()
+    }
+}
+
+/// Where a process is to run.
+pub(crate) enum Placement {
+    /// The executor with this number.
+    Executor(usize),
+    /// A thread of its own.
+    Thread(Box<Attributes>),
+}
+
+impl Placement {
+    /// The number of its executor, if it has no thread of its own.
+    pub(crate) fn executor(&mut self) -> Option<&mut usize> {
+        match self {
+            Placement::Executor(number) => Some(number),
+            Placement::Thread(_) => None,
+        }
+    }
+}
+
+/// A described process.
+pub(crate) struct ProcessPlan {
+    pub(crate) place: Placement,
+    pub(crate) spec: ProcessSpec,
+    /// Others may have its name too.
+    pub(crate) shares_name: bool,
+    pub(crate) ledger: Option<Arc<Ledger>>,
+    pub(crate) prepared: Prepared,
+}
+
+/// The names that a process takes: they are given back if it is refused.
+struct Names {
+    /// Its own, unless it shares one.
+    process: Option<Name>,
+    /// That of its thread.
+    thread: Option<String>,
+}
+
+impl ProcessPlan {
+    fn names(&self) -> Names {
+        Names {
+            process: (!self.shares_name).then(|| self.spec.name().clone()),
+            thread: self.thread_name().map(str::to_owned),
+        }
+    }
+
+    /// The name of its own thread, if it has one.
+    #[inline]
+    fn thread_name(&self) -> Option<&str> {
+        match &self.place {
+            Placement::Executor(_) => None,
+            Placement::Thread(attributes) => Some(attributes.name()),
+        }
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        self.spec.name()
+    }
+
+    pub(crate) fn id(&self) -> ProcessId {
+        self.spec.id()
     }
 }

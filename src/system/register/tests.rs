@@ -2,31 +2,23 @@ use super::*;
 use crate::{Process, System};
 
 #[test]
-fn stretches_of_numbers_grow_together() {
+fn ranges_of_numbers_grow_together() {
     let mut numbers = Numbers::default();
     for number in [5, 7, 1, u32::MAX, 6, 2, 6] {
         numbers.insert(number);
     }
-    for is_closed in [false, true] {
-        if is_closed {
-            numbers.close();
-        }
-        for number in [1, 2, 5, 6, 7, u32::MAX] {
-            assert!(numbers.contains(number));
-        }
-        for number in [0, 3, 4, 8, u32::MAX - 1] {
-            assert!(!numbers.contains(number));
-        }
+    for number in [1, 2, 5, 6, 7, u32::MAX] {
+        assert!(numbers.contains(number));
     }
-    let stretches: Vec<_> = numbers.stretches.iter().map(|(&a, &b)| (a, b)).collect();
-    assert_eq!(stretches, [(1, 2), (5, 7), (u32::MAX, u32::MAX)]);
-    // One that swallows others.
+    for number in [0, 3, 4, 8, u32::MAX - 1] {
+        assert!(!numbers.contains(number));
+    }
+    let ranges = |numbers: &Numbers| numbers.0.clone().into_iter().collect::<Vec<_>>();
+    assert_eq!(ranges(&numbers), [(1, 2), (5, 7), (u32::MAX, u32::MAX)]);
     for number in [3, 4, 5, 6, 7, 8, 9] {
         numbers.insert(number);
     }
-    numbers.close();
-    let stretches: Vec<_> = numbers.stretches.iter().map(|(&a, &b)| (a, b)).collect();
-    assert_eq!(stretches, [(1, 9), (u32::MAX, u32::MAX)]);
+    assert_eq!(ranges(&numbers), [(1, 9), (u32::MAX, u32::MAX)]);
 }
 
 /// A process that is reaped.
@@ -109,50 +101,4 @@ fn what_is_kept_of_processes_that_come_and_go_does_not_grow() {
         assert_eq!(earlier.completed + earlier.failed, earlier.polls);
         assert!((CHILDREN / 3 - REMEMBERED as u64..=CHILDREN / 3).contains(&earlier.failed));
     }
-}
-
-#[test]
-fn a_completed_process_is_known_without_its_memory() {
-    let mut system = System::new("remembering");
-    let main = system.executor("main").build().unwrap();
-    let plan = system.plan.clone();
-    main.clone()
-        .process("parent")
-        .spawn(async move {
-            let child = main.process("child with a long name").priority(3);
-            let id = child.spawn(async {
-                crate::yield_now().await;
-                Ok(())
-            })?;
-            let known = |one: &ProcessHandle| {
-                let is = (one.id(), one.priority(), one.state());
-                (one.name().to_owned(), is, one.exit(), one.polls())
-            };
-            let handle = main.process_handle(id).unwrap();
-            assert_eq!(handle.join().await, Exit::Completed);
-            // Its end is noted now, if it was not yet.
-            main.process("next").spawn(async { Ok(()) })?;
-            let is_kept = plan
-                .members()
-                .started
-                .members
-                .get(id)
-                .unwrap()
-                .kept()
-                .is_some();
-            assert!(!is_kept);
-            let again = main.process_handle(id).unwrap();
-            assert_eq!(known(&again), known(&handle));
-            again.cancel();
-            assert_eq!(again.join().await, Exit::Completed);
-            Ok(())
-        })
-        .unwrap();
-    let report = system.run().unwrap();
-    let child = &report.processes[1];
-    assert_eq!(child.name, "child with a long name");
-    assert_eq!(
-        (child.exit.clone(), child.polls),
-        (Some(Exit::Completed), 2)
-    );
 }

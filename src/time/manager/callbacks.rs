@@ -1,7 +1,7 @@
 //! Functions that the manager's thread calls, each slot of a period or once at an instant.
 
+use super::CallbackReport;
 use super::Engine;
-use super::report::CallbackReport;
 use crate::error::SetupError;
 use luna_core::current;
 use luna_core::timer_queue::Deadline;

@@ -5,7 +5,7 @@ mod waits;
 
 use luna::log::{Logging, Sink};
 use luna::prelude::*;
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{Event, Reader, Record, Subject};
 use std::collections::{BTreeMap, HashMap};
 use std::io;

@@ -53,6 +53,10 @@ const KNOWN: [(&str, &str); 16] = [
         "on a virtual clock nothing is real time",
     ),
     (
+        "devices/manager/src/manager.rs",
+        "devices are opened at set-up, and closed where the path is left",
+    ),
+    (
         "machine/src/crash.rs",
         "watches are installed before the start and removed after the end; the handler takes no lock",
     ),
@@ -71,10 +75,6 @@ const KNOWN: [(&str, &str); 16] = [
     (
         "runtime/config/src/deployment/mod.rs",
         "the file is matched while the system is set up; a loop's period has no lock",
-    ),
-    (
-        "devices/manager/src/manager.rs",
-        "devices are opened at set-up, and closed where the path is left",
     ),
     (
         "runtime/config/src/parameters/store/mod.rs",

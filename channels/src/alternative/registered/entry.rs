@@ -116,7 +116,7 @@ impl<'a, T> OwnEntry<'a, T> {
         unsafe {
             let select_state = NonNull::new_unchecked(&raw mut (*hub.as_ptr()).select_state);
             let guard = Some((select_state, index));
-            Waiter::begin(entry.cast::<Waiter<T>>(), false, guard, None);
+            Waiter::begin(entry.cast::<Waiter<T>>(), guard);
         }
         Self(entry, PhantomData)
     }

@@ -24,7 +24,7 @@ pub enum Attempted {
     /// A send, as `Done`. Its node holds what the buffer has dropped for its value.
     Overwrote(PendingWake),
     /// A receiver has the value, and holds the sender; the sender's node is listed as held. Wake
-    /// the receiver, and [give](Channel::update_wake_handle) the node a wake handle if it has none.
+    /// the receiver, and [give](Channel::renew_wake_handle) the node a wake handle if it has none.
     Held(PendingWake),
     /// A receive, as `Done`. It holds its sender of this priority, which waits on.
     Holds(Priority),
@@ -137,7 +137,7 @@ impl<'a, T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'a, T, L> {
                 self.boost_while_they_wait();
                 self.announce();
             } else {
-                if (*Waiter::link(node)).extended && !lists.extends {
+                if Waiter::begun(node).holds() && !lists.extends {
                     lists.extends = true;
                     lists.find_whether_plain();
                 }

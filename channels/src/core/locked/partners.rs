@@ -61,7 +61,7 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     pub(super) fn commit_listed(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
         let accepts = |node: NonNull<WaitNode>| {
             // SAFETY: a node in the list of receivers is a live waiter that the lock guards.
-            may_hold || !unsafe { (*Waiter::<T>::link(node.cast())).extended }
+            may_hold || !unsafe { Waiter::<T>::begun(node.cast()) }.holds()
         };
         // SAFETY: the nodes in the list are waiters of this channel, whose lock is held.
         unsafe { commit_first::<T>(&mut self.lists.receivers, accepts) }

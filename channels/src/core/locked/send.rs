@@ -7,7 +7,7 @@ use crate::core::Ending;
 use crate::replay::{self, Stamped};
 use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, WaitQueues, user_number};
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::{Begun, Outcome, Waiter};
 use core::hint::cold_path;
 use core::ops::DerefMut;
 use core::ptr::NonNull;
@@ -172,14 +172,14 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
             // Extended rendezvous are seldom enough for this.
             let stamp = self.lists.stamp(Stamped::Meeting);
             Waiter::put_order(receiver, stamp);
-            if !(*Waiter::link(receiver)).extended {
+            if !Waiter::begun(receiver).holds() {
                 return Attempted::Done(Waiter::settle(receiver, Outcome::Done));
             }
             let node = node.cast::<Waiter<T>>();
             // A waker is not cloned under the lock: the future finds no wake handle, and brings
             // one.
             let waits = (self.here, WakeHandle::without_waker(cx));
-            Waiter::begin_as(node, waits, false, None, S::MAKE);
+            Waiter::begin_as(node, waits, Begun::InFull, None, S::MAKE);
             let priority = (*Waiter::link(node)).wait.priority();
             Waiter::put_order(node, stamp);
             let ticket = self.next_ticket();

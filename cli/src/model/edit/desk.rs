@@ -61,7 +61,7 @@ struct Refused {
 impl Desk {
     pub(super) fn open(path: &Path, costs: Option<PathBuf>) -> Result<Self, Failure> {
         let file = Kept::open(path)?;
-        let draft = Draft::new(&file.name, file.content())?;
+        let draft = Draft::new(&file.name, file.content()).map_err(crate::model::problem)?;
         Ok(Self {
             costs,
             state: Mutex::new(State {

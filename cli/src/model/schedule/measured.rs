@@ -7,7 +7,7 @@
 use crate::convert::open;
 use crate::failure::{Failure, failed};
 use crate::model::names;
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{ClockBase, Event, Losing, Names, Record, Subject};
 use luna_model::Model;
 use luna_model::schedule::{Costs, Known, Releases};

@@ -72,7 +72,8 @@ pub(super) fn table(model: &Model, costs_of: Option<&Path>) -> Result<serde_json
 
 fn stated(model: &Model, path: &Path) -> Result<Costs, Failure> {
     let text = fs::read_to_string(path).map_err(failed(path))?;
-    Ok(model.parse_costs(&path.display().to_string(), &text)?)
+    let costs = model.parse_costs(&path.display().to_string(), &text);
+    costs.map_err(super::problem)
 }
 
 fn exit_code(schedule: &Schedule, shown: &Shown<'_>) -> ExitCode {

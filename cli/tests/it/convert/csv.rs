@@ -119,7 +119,7 @@ fn what_is_not_selected_is_left_out() {
 /// Two signals of one loop, sampled at instants of their own, and one that is slower.
 #[test]
 fn a_row_is_a_cycle_on_request() {
-    use luna_core::events::code;
+    use luna_events::code;
     let (folder, file) = recording("per-cycle");
     let mut writer = Writer::new(Vec::new()).unwrap();
     for (number, name) in [(0, "error"), (1, "output"), (2, "slow")] {

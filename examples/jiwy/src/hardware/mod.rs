@@ -2,17 +2,13 @@
 //!
 //! A register is a buffer of one that overwrites: it is read and written without waiting, like that
 //! of a real card. Set-up selects what is behind it: [`simulated`] processes on the system's own
-//! clock, a [`Simulator`] outside of the system that drives its clock in [`lock_step`], or a card
-//! over Ethernet ([`mesa`](fn@mesa)).
+//! clock, a [`Simulator`] outside of the system that drives its clock in [`lock_step`], or what the
+//! caller links to the other sides of [`registers`], such as a card.
 
 mod lock_step;
-#[cfg(unix)]
-mod mesa;
 mod simulated;
 
 pub use lock_step::{Axis, Simulator, lock_step};
-#[cfg(unix)]
-pub use mesa::{Behind, mesa};
 pub(crate) use simulated::simulates;
 pub use simulated::{Simulated, simulated};
 

@@ -102,13 +102,13 @@ fn no_such_file() {
 #[test]
 fn columns_in_any_order_with_spaces_and_others() {
     let recording = parse("\u{feff}button, tilt ,pan,time\n1, 0.25,-0.5, 3\n").unwrap();
-    assert_eq!(
-        recording.play().at(0.0),
-        Deflection {
-            pan: -0.5,
-            tilt: 0.25
-        }
-    );
+    let deflection = Deflection {
+        pan: -0.5,
+        tilt: 0.25,
+    };
+    assert_eq!(recording.play().at(0.0), deflection);
+    let quoted = parse("\"time\",\"pan\",\"tilt\"\n\"1\",\"-0.5\",\"0.25\"\n").unwrap();
+    assert_eq!(quoted.play().at(0.0), deflection);
 }
 
 #[test]

@@ -3,7 +3,6 @@
 //! blocks in a row, each a process of its own in the network.
 
 use luna_safety_blocks::{Block, EndStop, Limit, RateLimit, Sample, SettingError, Verdict};
-use serde::Serialize;
 use std::time::Duration;
 
 /// What the layer lets through on one axis.
@@ -47,7 +46,7 @@ impl Limits {
 }
 
 /// How often each rule changed a duty.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Interventions {
     /// A duty or a measured angle that was no finite number.
     pub not_finite: u64,

@@ -1,4 +1,3 @@
 //! Tests of the demonstrator. One program; a module a subject.
 
-mod card;
 mod model;

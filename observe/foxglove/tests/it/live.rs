@@ -3,7 +3,7 @@
 use crate::viewer::{Data, Viewer};
 use foxglove::Decode;
 use foxglove::messages::Log;
-use luna_core::events::code;
+use luna_events::code;
 use luna_foxglove::{Foxglove, FoxgloveSink};
 use luna_logger::format::json::Topic;
 use luna_logger::format::{ClockBase, Encoder, Event, Record, SignalInfo, Subject, Type, Values};

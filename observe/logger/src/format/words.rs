@@ -1,13 +1,13 @@
 //! CSP events in words: the names that a recording has for their numbers.
 
 use super::record::{Event, Record, Subject};
-use luna_core::events::code;
+use luna_events::code;
 use std::collections::{HashMap, HashSet};
 
 /// The names that a recording has declared until now. They put its events in words.
 ///
 /// ```
-/// use luna_core::events::code;
+/// use luna_events::code;
 /// use luna_logger::format::{Event, Names, Record, Subject};
 ///
 /// let mut names = Names::default();

@@ -2,7 +2,8 @@
 
 use super::{Hub, Stamp, TimeBase};
 use crate::lane;
-use luna_core::{current, events};
+use luna_core::current;
+use luna_events as events;
 use luna_platform::lock::PiLock;
 use std::sync::{Arc, OnceLock, Weak};
 
@@ -44,7 +45,7 @@ impl Hub {
     ///
     /// ```
     /// use luna_logger::{Hub, Logging, Recorder};
-    /// use luna_core::events::{self, code};
+    /// use luna_events::{self as events, code};
     ///
     /// let file = std::env::temp_dir().join(format!("luna-events-{}.luna", std::process::id()));
     /// let hub = Hub::new("bench", Default::default());

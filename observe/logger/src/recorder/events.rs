@@ -5,7 +5,7 @@
 
 use crate::format::{Event, Record, RunsOn, Subject};
 use crate::lane::Head;
-use luna_core::events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
+use luna_events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;

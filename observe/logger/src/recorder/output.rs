@@ -113,7 +113,7 @@ impl Output {
 
     /// A ring of events, and its thread, if that is not known otherwise.
     #[cfg(feature = "events")]
-    pub(super) fn add_events(&mut self, name: Option<String>, events: &luna_core::events::Reader) {
+    pub(super) fn add_events(&mut self, name: Option<String>, events: &luna_events::Reader) {
         if let Some(name) = name {
             self.add_thread(events.number(), name);
         }

@@ -2,7 +2,7 @@
 
 use crate::lane::Head;
 #[cfg(feature = "events")]
-use luna_core::events;
+use luna_events as events;
 use rtrb::Consumer;
 
 /// How many words are taken from a ring at a time.

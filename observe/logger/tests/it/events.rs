@@ -1,6 +1,6 @@
 //! Events of hubs: in blocks that a sink loses later, and of two hubs at a time.
 
-use luna_core::events::{self, Kind, code};
+use luna_events::{self as events, Kind, code};
 use luna_logger::format::{Losing, Reader, Record, RunsOn, Subject, Tally};
 use luna_logger::{Hub, Logging, Recorder, Sink};
 use std::collections::BTreeMap;

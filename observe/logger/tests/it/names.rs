@@ -1,7 +1,7 @@
 //! Names are collected only while a recording with events runs. Alone in its program: all recorders
 //! get all names.
 
-use luna_core::events::{self, Kind};
+use luna_events::{self as events, Kind};
 use luna_logger::{Hub, Logging, Recorder, StartError, WriterSink};
 
 /// Whether names are collected.

@@ -10,7 +10,7 @@ mod program;
 mod tests;
 
 use held::{Held, What};
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{ClockBase, Losing, MAX_SIGNALS, Record, RunsOn, SignalInfo};
 use program::Program;
 use std::cmp::Reverse;

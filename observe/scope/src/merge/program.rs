@@ -1,7 +1,7 @@
 //! One of several programs: its records with numbers and names that are unique among all.
 
 use super::MAX_PROGRAMS;
-use luna_core::events::code;
+use luna_events::code;
 use luna_logger::format::{Event, Subject};
 use std::borrow::Cow;
 use std::collections::HashMap;

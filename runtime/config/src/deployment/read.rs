@@ -10,7 +10,7 @@ pub(super) fn read(source: Source<'_>) -> Result<Result<Stated, Problem>, String
     #[cfg(not(feature = "toml"))]
     {
         let Source { .. } = source;
-        Err("this program reads no TOML; build luna-rt with its feature `toml`".to_owned())
+        Err(crate::file::NO_TOML.to_owned())
     }
 }
 

@@ -50,6 +50,11 @@ impl<'t> Entry<'t> {
         self.value.span()
     }
 
+    /// The value as TOML has it.
+    pub(crate) fn value(&self) -> &'t DeValue<'t> {
+        self.value.get_ref()
+    }
+
     /// The key, and where it stands.
     pub fn named(&self) -> (String, Range<usize>) {
         (self.key.to_owned(), self.key_span())

@@ -5,6 +5,8 @@ use super::value::Value;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::Path;
+#[cfg(feature = "toml")]
+use std::sync::Arc;
 
 /// The variable of the environment that names a file.
 pub(super) const FILE: &str = "LUNA_PARAMETERS";
@@ -100,86 +102,77 @@ pub(super) fn read(path: &Path) -> Result<Vec<Given>, SetError> {
         message,
     };
     let text = std::fs::read_to_string(path).map_err(|error| wrong(None, error.to_string()))?;
-    toml::parse(&path.display().to_string(), &text).map_err(|(line, message)| wrong(line, message))
+    parse(&path.display().to_string(), &text).map_err(|(line, message)| wrong(line, message))
+}
+
+/// On an error, its line and its text.
+#[cfg(not(feature = "toml"))]
+fn parse(_: &str, _: &str) -> Result<Vec<Given>, (Option<usize>, String)> {
+    Err((None, crate::file::NO_TOML.to_owned()))
+}
+
+/// On an error, its line and its text.
+#[cfg(feature = "toml")]
+fn parse(path: &str, text: &str) -> Result<Vec<Given>, (Option<usize>, String)> {
+    use crate::file::{Source as Text, entries, parse};
+    let source = Text { name: path, text };
+    let table = parse(source).map_err(|problem| (Some(problem.line), problem.message.into()))?;
+    let mut found = Vec::new();
+    // In the order of the file, but for tables that come in parts.
+    collect(
+        entries(source, table.get_ref()),
+        "",
+        &path.into(),
+        &mut found,
+    );
+    found.sort_by_key(|given| match given.source {
+        Source::File { line, .. } => line,
+        _ => 0,
+    });
+    Ok(found)
 }
 
 #[cfg(feature = "toml")]
-mod toml {
-    use super::{Given, Source, Value};
-    use std::sync::Arc;
-    use toml::de::{DeTable, DeValue};
-
-    /// On an error, its line and its text.
-    pub(super) fn parse(path: &str, text: &str) -> Result<Vec<Given>, (Option<usize>, String)> {
-        let line = |at: usize| 1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count();
-        let table = DeTable::parse(text).map_err(|error| {
-            let at = error.span().map(|span| line(span.start));
-            (at, error.message().to_owned())
-        })?;
-        let path = path.into();
-        let mut found = Vec::new();
-        collect(table.get_ref(), "", &path, &line, &mut found);
-        // In the order of the file.
-        found.sort_by_key(|given| match given.source {
-            Source::File { line, .. } => line,
-            _ => 0,
+fn collect(
+    entries: Vec<crate::file::Entry<'_>>,
+    prefix: &str,
+    path: &Arc<str>,
+    found: &mut Vec<Given>,
+) {
+    for entry in entries {
+        let name = format!("{prefix}{}", entry.key);
+        if let Ok(inner) = entry.table() {
+            collect(inner, &format!("{name}/"), path, found);
+            continue;
+        }
+        let (line, _) = entry.source.position(entry.key_span().start);
+        found.push(Given {
+            name,
+            value: value_of(entry.value()),
+            source: Source::File {
+                path: path.clone(),
+                line,
+            },
         });
-        Ok(found)
-    }
-
-    fn collect(
-        table: &DeTable<'_>,
-        prefix: &str,
-        path: &Arc<str>,
-        line: &impl Fn(usize) -> usize,
-        found: &mut Vec<Given>,
-    ) {
-        for (key, value) in table {
-            let name = format!("{prefix}{}", key.get_ref());
-            match value.get_ref() {
-                DeValue::Table(inner) => collect(inner, &format!("{name}/"), path, line, found),
-                one => found.push(Given {
-                    name,
-                    value: value_of(one),
-                    source: Source::File {
-                        path: path.clone(),
-                        line: line(key.span().start),
-                    },
-                }),
-            }
-        }
-    }
-
-    fn value_of(value: &DeValue<'_>) -> Value {
-        match value {
-            DeValue::String(text) => Value::Text(text.to_string()),
-            DeValue::Integer(number) => {
-                match i128::from_str_radix(number.as_str(), number.radix()) {
-                    Ok(number) => Value::Integer(number),
-                    // No type has as many digits.
-                    Err(_) => Value::Integer(i128::MAX),
-                }
-            }
-            DeValue::Float(number) => Value::Float(number.as_str().parse().unwrap_or(f64::NAN)),
-            DeValue::Boolean(is) => Value::Bool(*is),
-            DeValue::Datetime(time) => Value::Text(time.to_string()),
-            DeValue::Array(values) => {
-                Value::List(values.iter().map(|one| value_of(one.get_ref())).collect())
-            }
-            DeValue::Table(_) => Value::Text("a table".to_owned()),
-        }
     }
 }
 
-#[cfg(not(feature = "toml"))]
-mod toml {
-    use super::Given;
-
-    pub(super) fn parse(_: &str, _: &str) -> Result<Vec<Given>, (Option<usize>, String)> {
-        Err((
-            None,
-            "this program reads no TOML; build luna-rt with its feature `toml`".to_owned(),
-        ))
+#[cfg(feature = "toml")]
+fn value_of(value: &toml::de::DeValue<'_>) -> Value {
+    use toml::de::DeValue;
+    match value {
+        DeValue::String(text) => Value::Text(text.to_string()),
+        // No type has as many digits.
+        DeValue::Integer(number) => Value::Integer(
+            i128::from_str_radix(number.as_str(), number.radix()).unwrap_or(i128::MAX),
+        ),
+        DeValue::Float(number) => Value::Float(number.as_str().parse().unwrap_or(f64::NAN)),
+        DeValue::Boolean(is) => Value::Bool(*is),
+        DeValue::Datetime(time) => Value::Text(time.to_string()),
+        DeValue::Array(values) => {
+            Value::List(values.iter().map(|one| value_of(one.get_ref())).collect())
+        }
+        DeValue::Table(_) => Value::Text("a table".to_owned()),
     }
 }
 
@@ -231,7 +224,7 @@ mod tests {
     fn tables_are_the_first_part_of_names_and_lines_are_known() {
         let text = "whole = 3\n\n[pan]\nkp = 2.5 # 1/rad\n\"a b\" = [1, 2.0]\n[pan.limit]\nhigh = inf\n\"tilt/on\" = true\n";
         assert_eq!(
-            shown(toml::parse("m.toml", text).unwrap()),
+            shown(parse("m.toml", text).unwrap()),
             [
                 "m.toml:1: whole = 3",
                 "m.toml:4: pan/kp = 2.5",
@@ -240,9 +233,9 @@ mod tests {
                 "m.toml:8: pan/limit/tilt/on = true"
             ]
         );
-        let (line, message) = toml::parse("m.toml", "a = 1\nb = \n").unwrap_err();
+        let (line, message) = parse("m.toml", "a = 1\nb = \n").unwrap_err();
         assert_eq!(line, Some(2), "{message}");
-        let (line, message) = toml::parse("m.toml", "a = 1\n\na = 1\n").unwrap_err();
+        let (line, message) = parse("m.toml", "a = 1\n\na = 1\n").unwrap_err();
         assert_eq!(line, Some(3), "{message}");
     }
 }

@@ -2,9 +2,9 @@
 
 use super::Recorder;
 use crate::event::{CUT, CUT_WITHIN, ENDED, Head, zigzag};
-use luna_core::byte_ring::ByteRing;
 use luna_core::current;
 use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
+use luna_events::ByteRing;
 use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
