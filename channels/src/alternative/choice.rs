@@ -128,6 +128,14 @@ impl Future for Choice<'_, '_> {
     }
 }
 
+/// Whether nothing waits there, though something did until now.
+#[cold]
+#[inline(never)]
+fn is_idle_without_queues(lists: &mut WaitQueues) -> bool {
+    lists.leave_queues();
+    lists.waiting.is_idle()
+}
+
 /// Makes these lists say all that waits there, for a guard's own step.
 fn prepare(wait_point: &WaitPoint, lists: &mut WaitQueues) {
     lists.list_lone();
@@ -163,14 +171,17 @@ impl<'a> Choice<'_, 'a> {
                 is_other = true;
                 break;
             };
-            let Some(lists) = wait_point.enter_in(plain.here()) else {
+            let Some(mut lists) = wait_point.enter_in(plain.here()) else {
                 is_other = true;
                 break;
             };
             entered |= 1 << number;
             if !lists.waiting.is_idle() {
-                is_other |= lists.waiting.one(!offer.of_sender()).is_none();
-                (ready, least) = (Some(number), offer.stamp());
+                if lists.waiting.one(!offer.of_sender()).is_some() {
+                    (ready, least) = (Some(number), offer.stamp());
+                } else {
+                    is_other |= !is_idle_without_queues(&mut lists);
+                }
             }
             lists.keep();
         }
