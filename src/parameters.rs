@@ -88,7 +88,7 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`SetError::Syntax`](crate::parameters::SetError::Syntax).
+    /// [`SetError::Syntax`].
     pub fn set_parameter_text(&mut self, assignment: &str) -> Result<&mut Self> {
         let taken = self.plan.parameters.take_assignment(assignment);
         taken.inspect_err(|_| self.plan.note_refusal())?;
@@ -100,7 +100,7 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`SetError::Syntax`](crate::parameters::SetError::Syntax): one of them without what belongs
+    /// [`SetError::Syntax`]: one of them without what belongs
     /// to it.
     ///
     /// ```

@@ -36,6 +36,31 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
-pub use luna_core::current::{RefusedBoosts, on_path, refused_boosts};
+pub use luna_core::current::on_path;
 pub use luna_core::path::off_path;
-pub use luna_platform::thread::ordinary_child;
+pub use luna_machine::threads::ordinary_child;
+
+use crate::report::Shortfall;
+
+/// The boosts that the system has refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct RefusedBoosts {
+    /// How often it happened.
+    pub count: u32,
+    /// The first of them.
+    pub first: Shortfall,
+}
+
+/// Whether the system has refused to let a thread inherit a priority, which is no error: the
+/// process then runs at its thread's own priority. Reads files; not for the real-time path.
+///
+/// ```
+/// // No boost was refused, since no process has inherited.
+/// assert_eq!(luna::realtime::refused_boosts(), None);
+/// ```
+pub fn refused_boosts() -> Option<RefusedBoosts> {
+    let (count, priority, number) = luna_core::current::refused_boosts()?;
+    let first = Shortfall::of_inheritance(priority, number);
+    Some(RefusedBoosts { count, first })
+}

@@ -39,8 +39,8 @@ pub use luna_logger::EventsReport;
 #[cfg(feature = "logger")]
 pub use luna_logger::{LoggingReport, MessagesReport, SignalReport};
 pub use luna_machine::facts::RealTimeShare;
+pub use luna_machine::shortfall::Shortfall;
 pub use luna_machine::usage::ThreadUsage;
-pub use luna_platform::shortfall::Shortfall;
 pub use luna_replay::RecordReport;
 
 use crate::system::{ClockKind, Member};

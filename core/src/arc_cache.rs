@@ -1,9 +1,8 @@
-//! A cache of references to one thing that all processes of a thread share, passed on from
-//! processes that have ended to new ones.
+//! A cache of references to the timers of a thread, passed on from sleeps that have ended to new
+//! ones.
 //!
-//! A process refers to shared objects of its thread, for instance its executor. Counting each of
-//! these references costs two atomic read-modify-write operations a process; a reference from the
-//! cache is counted already.
+//! Counting each of these references costs two atomic read-modify-write operations a sleep; a
+//! reference from the cache is counted already.
 
 use alloc::sync::Arc;
 use core::cell::Cell;
@@ -15,34 +14,18 @@ const MAX: usize = 256;
 
 /// Unused references, all to the same thing: for a thread-local variable.
 ///
-/// ```
-/// use luna_core::arc_cache::ArcCache;
-/// use std::sync::Arc;
-///
-/// let spare = ArcCache::new();
-/// let thing = Arc::new(7);
-/// spare.keep(&thing);
-/// let one = spare.another(&thing);
-/// spare.give_back(one);
-/// assert_eq!(Arc::strong_count(&thing), 2, "it is kept for the next");
-/// let next = spare.another(&thing);
-/// assert_eq!((*next, Arc::strong_count(&thing)), (7, 2), "without a new count");
-/// spare.release();
-/// assert_eq!(Arc::strong_count(&thing), 2, "it is the next one's own");
-/// ```
-///
 /// # Invariants
 ///
 /// The cache owns `count` references to `of`.
 #[derive(Debug)]
-pub struct ArcCache<T> {
+pub(crate) struct ArcCache<T> {
     of: Cell<*const T>,
     count: Cell<usize>,
 }
 
 impl<T> ArcCache<T> {
     /// An empty cache.
-    pub const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             of: Cell::new(ptr::null()),
             count: Cell::new(0),
@@ -51,26 +34,19 @@ impl<T> ArcCache<T> {
 
     /// Whether references to `of` are kept.
     #[inline]
-    pub fn keeps(&self, of: &Arc<T>) -> bool {
+    pub(crate) fn keeps(&self, of: &Arc<T>) -> bool {
         ptr::eq(self.of.get(), Arc::as_ptr(of))
     }
 
     /// Keeps references to `of` from now on, and releases those that were kept.
-    pub fn keep(&self, of: &Arc<T>) {
+    pub(crate) fn keep(&self, of: &Arc<T>) {
         self.release();
         self.of.set(Arc::as_ptr(of));
     }
 
-    /// A reference to `of`: a returned one, if possible. O(1); nothing is allocated or freed.
-    #[inline]
-    pub fn another(&self, of: &Arc<T>) -> Arc<T> {
-        let kept = if self.keeps(of) { self.kept() } else { None };
-        kept.unwrap_or_else(|| of.clone())
-    }
-
     /// A returned reference, if there is one. O(1).
     #[inline]
-    pub fn kept(&self) -> Option<Arc<T>> {
+    pub(crate) fn kept(&self) -> Option<Arc<T>> {
         let count = self.count.get();
         if count == 0 {
             return None;
@@ -83,7 +59,7 @@ impl<T> ArcCache<T> {
     /// Takes a reference that is no longer needed: keeps it if it is to `of`, and drops it
     /// otherwise. O(1).
     #[inline]
-    pub fn give_back(&self, one: Arc<T>) {
+    pub(crate) fn give_back(&self, one: Arc<T>) {
         if self.keeps(&one) && self.count.get() < MAX {
             mem::forget(one);
             self.count.set(self.count.get() + 1);
@@ -91,7 +67,7 @@ impl<T> ArcCache<T> {
     }
 
     /// Drops all kept references, and keeps no more.
-    pub fn release(&self) {
+    pub(crate) fn release(&self) {
         let of = self.of.replace(ptr::null());
         for _ in 0..self.count.take() {
             // SAFETY: by the invariant the cache owns as many references as it counts, and each is
@@ -124,8 +100,8 @@ mod tests {
             spare.give_back(thing.clone());
         }
         assert_eq!(Arc::strong_count(&thing), 1 + MAX);
-        assert!(Arc::ptr_eq(&spare.another(&other), &other));
-        assert_eq!(Arc::strong_count(&thing), 1 + MAX);
+        assert!(Arc::ptr_eq(&spare.kept().unwrap(), &thing));
+        assert_eq!(Arc::strong_count(&thing), MAX);
         spare.keep(&other);
         assert_eq!(Arc::strong_count(&thing), 1);
     }
@@ -136,7 +112,7 @@ mod tests {
         let spare = ArcCache::new();
         spare.keep(&thing);
         spare.give_back(thing.clone());
-        let one = spare.another(&thing);
+        let one = spare.kept().unwrap();
         spare.give_back(one);
         drop(spare);
         assert_eq!(Arc::strong_count(&thing), 1);

@@ -23,7 +23,7 @@
 //! [`Bell`] documents how it wakes a sleeper.
 
 use crate::quiescence::Quiescence;
-use crate::remote_wakes::{Near, RemoteWakes, WakeSlot};
+use crate::remote_wakes::{FirstSlots, RemoteWakes, WakeSlot};
 use crate::spin;
 use core::time::Duration;
 use luna_platform::bell::Bell;
@@ -82,19 +82,19 @@ impl Signals {
 pub(crate) struct Inbound {
     signals: AtomicU64,
     bell: Bell,
-    near: Near,
+    pub(crate) first: FirstSlots,
 }
 
 // The portable futex is larger than a word.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
-const _: () = assert!(core::mem::offset_of!(Inbound, near) + size_of::<Near>() <= 64);
+const _: () = assert!(core::mem::offset_of!(Inbound, first) + size_of::<FirstSlots>() <= 64);
 
 impl Inbound {
     pub(crate) fn new() -> Self {
         Self {
             signals: AtomicU64::new(0),
             bell: Bell::new(),
-            near: Near::new(),
+            first: FirstSlots::new(),
         }
     }
 
@@ -102,19 +102,13 @@ impl Inbound {
     /// thread. Wait-free: two or three instructions; a system call only if the owner sleeps.
     #[inline]
     pub(crate) fn wake(&self, slot: &WakeSlot, level: u8) {
-        slot.mark(&self.near, level);
+        slot.mark(&self.first, level);
         self.signal(1 << level);
     }
 
     /// Makes the owner look at what is beside its queues.
     pub(crate) fn ask_attention(&self) {
         self.signal(ATTENTION);
-    }
-
-    /// As a waker that marks at most `steps` steps, and does not signal.
-    #[cfg(loom)]
-    pub(crate) fn mark_partly(&self, slot: &WakeSlot, level: u8, steps: usize) {
-        slot.mark_partly(&self.near, level, steps);
     }
 
     #[inline]
@@ -153,7 +147,7 @@ impl Inbound {
         // Clear the level's bit first: a waker that marks its slot after the look sets the bit
         // again.
         self.signals.fetch_and(!(1 << level), Ordering::AcqRel);
-        remote_wakes.take(&self.near, level, woken);
+        remote_wakes.take(&self.first, level, woken);
     }
 
     /// As [`ask_look`](Self::ask_look), by the thread of the owner's alarm, once the alarm has

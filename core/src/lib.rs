@@ -29,7 +29,7 @@
 //! - [`wait_list`], [`timer_queue`]: intrusive lists of waiting operations, and deadlines.
 //! - [`biased_lock`]: the lock of channels, select states and timer queues, biased towards the
 //!   executor that alone uses it.
-//! - [`deferred_free`], [`arc_cache`]: memory off the real-time path.
+//! - [`deferred_free`]: memory off the real-time path.
 //! - [`park`], [`spin`]: how threads wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 //! - `fetch`, `model_local` (private): prefetches, and thread-locals that a model checker sees.
@@ -57,7 +57,8 @@ extern crate alloc;
 #[cfg(all(test, not(feature = "std")))]
 compile_error!("the unit tests need `std`: tests without it are in the package `luna-bare`");
 
-pub mod arc_cache;
+#[cfg(not(loom))]
+mod arc_cache;
 pub mod biased_lock;
 pub mod current;
 pub mod deferred_free;

@@ -157,7 +157,13 @@ fn a_waker_that_goes_no_further_holds_up_nobody() {
         model(move || {
             let inbound = Arc::new(Inbound::new());
             let (processes, remote_wakes) = processes([7, 7]);
-            inbound.mark_partly(&processes[member].slot, 7, steps);
+            let slot = &processes[member].slot;
+            if steps > 0 {
+                slot.mark_word(&inbound.first, 7);
+            }
+            if steps > 1 {
+                slot.mark_summary(7);
+            }
             let waker = {
                 let (inbound, processes) = (inbound.clone(), processes.clone());
                 thread::spawn(move || processes[member].wake(&inbound))

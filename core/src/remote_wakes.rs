@@ -21,14 +21,14 @@ use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 /// Number of wake slots with a word beside the signals: what is left of their line. A model must
 /// have slots of both kinds.
-pub(crate) const NEAR: usize = if cfg!(loom) { 1 } else { 10 };
+pub(crate) const FIRST: usize = if cfg!(loom) { 1 } else { 10 };
 
 /// The words of the first wake slots: the levels at which each was woken. They lie where the
 /// owner's signals do.
 #[derive(Debug)]
-pub(crate) struct Near([AtomicU32; NEAR]);
+pub(crate) struct FirstSlots([AtomicU32; FIRST]);
 
-impl Near {
+impl FirstSlots {
     pub(crate) fn new() -> Self {
         Self(core::array::from_fn(|_| AtomicU32::new(0)))
     }
@@ -67,39 +67,47 @@ impl Block {
 #[derive(Debug)]
 pub(crate) struct WakeSlot {
     number: usize,
-    /// Where the bits of a wake slot behind the near ones are.
+    /// Where the bits of a wake slot behind the first ones are.
     block: Option<Arc<Block>>,
 }
 
 impl WakeSlot {
-    /// Marks the process as woken at `level`. Wait-free: one instruction or two. The caller, which
-    /// has `near` of the same owner, then signals the level.
+    /// Marks the process as woken at `level`. Wait-free: one instruction or two, in this order, so
+    /// that a reader that finds a bit in the summary finds the word's. The caller, which has `first`
+    /// of the same owner, then signals the level.
     #[inline]
-    pub(crate) fn mark(&self, near: &Near, level: u8) {
-        self.mark_partly(near, level, 2);
+    pub(crate) fn mark(&self, first: &FirstSlots, level: u8) {
+        self.mark_word(first, level);
+        self.mark_summary(level);
     }
 
-    /// As a waker that stops after `steps` steps.
     #[inline(always)]
-    pub(crate) fn mark_partly(&self, near: &Near, level: u8, steps: usize) {
-        let Some(block) = &self.block else {
-            if steps > 0 {
-                // Release: as below.
-                near.0[self.number].fetch_or(1 << level, Ordering::AcqRel);
+    pub(crate) fn mark_word(&self, first: &FirstSlots, level: u8) {
+        // Release: the thread that takes the bit sees all that happened before the wake.
+        match &self.block {
+            None => first.0[self.number]
+                .fetch_or(1 << level, Ordering::AcqRel)
+                .into(),
+            Some(block) => {
+                let (word, bit) = self.place();
+                block.words[usize::from(level)][word].fetch_or(1 << bit, Ordering::AcqRel)
             }
-            return;
         };
-        let number = self.number - NEAR;
-        let (word, bit) = (number % BLOCK_SLOTS / BITS, number % BITS);
-        let level = usize::from(level);
-        // Release: the thread that takes the bit sees all that happened before the wake. In this
-        // order, so that a reader that finds a bit in the summary finds the word's.
-        if steps > 0 {
-            block.words[level][word].fetch_or(1 << bit, Ordering::AcqRel);
+    }
+
+    #[inline(always)]
+    pub(crate) fn mark_summary(&self, level: u8) {
+        if let Some(block) = &self.block {
+            let (word, _) = self.place();
+            block.summary[usize::from(level)].fetch_or(1 << word, Ordering::AcqRel);
         }
-        if steps > 1 {
-            block.summary[level].fetch_or(1 << word, Ordering::AcqRel);
-        }
+    }
+
+    /// Its word and its bit in its block.
+    #[inline(always)]
+    fn place(&self) -> (usize, usize) {
+        let number = self.number - FIRST;
+        (number % BLOCK_SLOTS / BITS, number % BITS)
     }
 
     pub(crate) fn number(&self) -> usize {
@@ -134,7 +142,7 @@ impl<T: Copy> RemoteWakes<T> {
             self.free.reserve(self.members.len() - self.free.len());
         }
         self.members[number] = Some(member);
-        let block = number.checked_sub(NEAR).map(|number| {
+        let block = number.checked_sub(FIRST).map(|number| {
             if self.blocks.len() <= number / BLOCK_SLOTS {
                 self.blocks.push(Arc::new(Block::new()));
             }
@@ -173,9 +181,9 @@ impl<T: Copy> RemoteWakes<T> {
     }
 
     /// Passes all processes that were marked at `level` to `woken`, in the order of their slots.
-    /// `near` is this owner's. O(their number + slots / 4096).
-    pub(crate) fn take(&self, near: &Near, level: u8, mut woken: impl FnMut(T)) {
-        for (word, member) in near.0.iter().zip(&self.members) {
+    /// `first` is this owner's. O(their number + slots / 4096).
+    pub(crate) fn take(&self, first: &FirstSlots, level: u8, mut woken: impl FnMut(T)) {
+        for (word, member) in first.0.iter().zip(&self.members) {
             // Read first. A waker signals after it marks. A mark not seen here has its signal after
             // the clearing of the level's bit (`Inbound::take`), so the next round looks again.
             if word.load(Ordering::Relaxed) & (1 << level) == 0 {
@@ -188,7 +196,7 @@ impl<T: Copy> RemoteWakes<T> {
             }
         }
         let level = usize::from(level);
-        for (block, base) in self.blocks.iter().zip((NEAR..).step_by(BLOCK_SLOTS)) {
+        for (block, base) in self.blocks.iter().zip((FIRST..).step_by(BLOCK_SLOTS)) {
             // As above: most of many blocks have nothing.
             if block.summary[level].load(Ordering::Relaxed) == 0 {
                 continue;
@@ -219,45 +227,45 @@ fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
 mod tests {
     use super::*;
 
-    fn taken(remote_wakes: &RemoteWakes<usize>, near: &Near, level: u8) -> Vec<usize> {
+    fn taken(remote_wakes: &RemoteWakes<usize>, first: &FirstSlots, level: u8) -> Vec<usize> {
         let mut taken = Vec::new();
-        remote_wakes.take(near, level, |member| taken.push(member));
+        remote_wakes.take(first, level, |member| taken.push(member));
         taken
     }
 
     #[test]
     fn each_that_was_marked_is_given_once_wherever_it_sits() {
-        let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
-        let places: Vec<WakeSlot> = (0..NEAR + 3 * BLOCK_SLOTS + 1)
+        let (mut remote_wakes, first) = (RemoteWakes::new(), FirstSlots::new());
+        let places: Vec<WakeSlot> = (0..FIRST + 3 * BLOCK_SLOTS + 1)
             .map(|member| remote_wakes.enter(member))
             .collect();
         let far =
-            [0, 63, 64, BLOCK_SLOTS - 1, BLOCK_SLOTS, 3 * BLOCK_SLOTS].map(|number| NEAR + number);
-        let marked = [&[0, NEAR - 1][..], &far].concat();
+            [0, 63, 64, BLOCK_SLOTS - 1, BLOCK_SLOTS, 3 * BLOCK_SLOTS].map(|number| FIRST + number);
+        let marked = [&[0, FIRST - 1][..], &far].concat();
         for &member in marked.iter().rev() {
-            places[member].mark(&near, 7);
-            places[member].mark(&near, 7);
+            places[member].mark(&first, 7);
+            places[member].mark(&first, 7);
         }
-        places[1].mark(&near, 8);
-        places[NEAR].mark(&near, 8);
-        assert_eq!(taken(&remote_wakes, &near, 7), marked);
-        assert_eq!(taken(&remote_wakes, &near, 7), []);
-        assert_eq!(taken(&remote_wakes, &near, 8), [1, NEAR]);
+        places[1].mark(&first, 8);
+        places[FIRST].mark(&first, 8);
+        assert_eq!(taken(&remote_wakes, &first, 7), marked);
+        assert_eq!(taken(&remote_wakes, &first, 7), []);
+        assert_eq!(taken(&remote_wakes, &first, 8), [1, FIRST]);
     }
 
     #[test]
     fn a_late_wake_of_one_that_has_left_is_nobodys_or_the_next_ones() {
-        let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
-        for number in 0..NEAR + 2 {
-            let first = remote_wakes.enter(1);
-            assert_eq!(first.number(), number);
+        let (mut remote_wakes, first) = (RemoteWakes::new(), FirstSlots::new());
+        for number in 0..FIRST + 2 {
+            let one = remote_wakes.enter(1);
+            assert_eq!(one.number(), number);
             remote_wakes.leave(number);
-            first.mark(&near, 0);
-            assert_eq!(taken(&remote_wakes, &near, 0), []);
+            one.mark(&first, 0);
+            assert_eq!(taken(&remote_wakes, &first, 0), []);
             let second = remote_wakes.enter(2);
             assert_eq!(second.number(), number);
-            first.mark(&near, 0);
-            assert_eq!(taken(&remote_wakes, &near, 0), [2]);
+            one.mark(&first, 0);
+            assert_eq!(taken(&remote_wakes, &first, 0), [2]);
         }
     }
 }

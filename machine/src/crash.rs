@@ -35,10 +35,11 @@ use crate::forked;
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 use crate::signals;
 use crate::signals::SignalError;
+use crate::threads::ThreadNumber;
+#[cfg(all(target_os = "linux", not(luna_portable)))]
 use luna_platform::clock::Instant;
 use luna_platform::clock::nanos;
 use luna_platform::futex::Futex;
-use luna_platform::thread::ThreadNumber;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -273,7 +274,7 @@ pub(crate) fn handle(number: i32, is_sent: bool) -> bool {
 #[cfg(all(test, target_os = "linux", not(luna_portable), not(loom)))]
 mod tests {
     use super::*;
-    use luna_platform::thread::current_number;
+    use crate::threads::current_number;
 
     /// A detached thread ends after its watch, and another watch has the slot.
     #[test]

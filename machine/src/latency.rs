@@ -5,7 +5,7 @@
 //! latency, from 25 to 14 µs. It costs power.
 
 use crate::backend::latency as backend;
-use luna_platform::shortfall::Shortfall;
+use crate::shortfall::Shortfall;
 
 /// Keeps `/dev/cpu_dma_latency` at 0 µs while it lives.
 ///

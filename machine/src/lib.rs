@@ -10,7 +10,8 @@
 //!   events. [`failover`]: jobs in order, by threads of which
 //!   some may hang.
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs.
-//! - [`facts`]: what the machine is. [`tai`]: the time that computers can have in common.
+//! - [`shortfall`]: what was refused, why, and how to get it. [`facts`]: what the machine is. [`tai`]: the time that computers can have in
+//!   common. [`counter`]: the processor's. [`threads`]: threads in relation to others.
 //! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
 //! - `file`: reading and writing without waiting (on Unix); [`socket`]: datagrams; [`new_file`]:
 //!   files that replace others as a whole.
@@ -30,6 +31,8 @@ extern crate shuttle as loom;
 #[cfg(not(loom))]
 pub mod alarm;
 #[cfg(not(loom))]
+pub mod counter;
+#[cfg(not(loom))]
 pub mod crash;
 pub mod event_count;
 #[cfg(not(loom))]
@@ -48,6 +51,8 @@ pub mod new_file;
 #[cfg(not(loom))]
 pub mod parent;
 #[cfg(not(loom))]
+pub mod shortfall;
+#[cfg(not(loom))]
 pub mod signals;
 #[cfg(not(loom))]
 pub mod socket;
@@ -55,6 +60,8 @@ pub mod socket;
 pub mod steal;
 #[cfg(not(loom))]
 pub mod tai;
+#[cfg(not(loom))]
+pub mod threads;
 #[cfg(not(loom))]
 pub mod usage;
 

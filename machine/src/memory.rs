@@ -8,7 +8,7 @@
 //! Not for the real-time path.
 
 use crate::backend::memory as backend;
-use luna_platform::shortfall::Shortfall;
+use crate::shortfall::Shortfall;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 

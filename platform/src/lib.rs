@@ -19,8 +19,8 @@
 //!
 //! What it offers of the system:
 //!
-//! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was
-//!   refused, why, and how to get it.
+//! - [`thread`]: threads with a policy, a core and a stack, as obtained, and what was
+//!   refused.
 //! - [`clock`], [`futex`], [`bell`], [`deadline_sleep`], [`lock`], [`spin`],
 //!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
 //!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
@@ -57,18 +57,13 @@ pub mod alarm;
 pub mod bell;
 pub mod clock;
 pub mod deadline_sleep;
-mod debug;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod facts;
 pub mod futex;
-mod local;
+mod macros;
 pub mod on_drop;
 pub mod panics;
 pub mod path;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod reactor;
-#[cfg(all(feature = "std", not(loom)))]
-pub mod shortfall;
 pub mod spin;
 pub mod sync;
 #[cfg(all(feature = "std", not(loom)))]

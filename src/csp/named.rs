@@ -49,7 +49,6 @@ use std::task::{Context, Poll};
 pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
     Named {
         tree: None,
-        untold: None,
         is_reported: false,
         node: Node::new(label(name)),
         future,
@@ -61,14 +60,10 @@ pin_project! {
     ///
     /// # Invariants
     ///
-    /// `node` is in the list of `tree` exactly while there is a `tree`. `untold` is `None`, or the
-    /// process of the node, which is then listed.
+    /// `node` is in the list of `tree` exactly while there is a `tree`.
     #[must_use = "a sub-process does nothing unless awaited"]
     pub struct Named<F> {
         tree: Option<Arc<Tree>>,
-        // The process in which it is listed while its turns are not recorded: that of almost every
-        // poll.
-        untold: Option<ProcessId>,
         is_reported: bool,
         #[pin]
         node: Node,
@@ -123,8 +118,6 @@ impl<F> Named<F> {
         *this.is_reported = events::is_on();
         if *this.is_reported {
             events::name_in_ring(Kind::SubProcess, id as u32, &this.node.name);
-        } else {
-            *this.untold = Some(process);
         }
         id
     }
@@ -132,7 +125,6 @@ impl<F> Named<F> {
     /// `how` is one of [`code::sub_ended`].
     fn unlist(self: Pin<&mut Self>, how: u64) {
         let this = self.project();
-        *this.untold = None;
         if let Some(tree) = this.tree.take() {
             if std::mem::take(this.is_reported) {
                 // On a thread of another system its number would denote another sub-process.
@@ -174,26 +166,6 @@ impl<F: Future> Named<F> {
         };
         this.future.poll(cx)
     }
-
-    /// A poll that is the first one in this place, or is recorded, or is outside of any system.
-    #[cold]
-    #[inline(never)]
-    fn poll_otherwise(
-        mut self: Pin<&mut Self>,
-        process: ProcessId,
-        cx: &mut Context<'_>,
-    ) -> Poll<F::Output> {
-        let id = self.as_mut().list(process);
-        let around = WITHIN.get();
-        let within = if id == 0 { around } else { id };
-        let is_reported = self.is_reported;
-        let poll = || self.poll_within(within, cx);
-        if is_reported {
-            events::sub_turn(id as u32, [process.get().into(), around], poll)
-        } else {
-            poll()
-        }
-    }
 }
 
 impl<F: Future> Future for Named<F> {
@@ -202,14 +174,15 @@ impl<F: Future> Future for Named<F> {
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
         let process = current::process(|process| process.map(Process::id));
         let around = WITHIN.get();
-        let within = match process {
-            None => Some(around),
-            listed if self.untold == listed && self.node.parent() == around => Some(self.node.id()),
-            _ => None,
-        };
-        let polled = match (within, process) {
-            (None, Some(process)) => self.as_mut().poll_otherwise(process, cx),
-            (within, _) => self.as_mut().poll_within(within.unwrap_or(around), cx),
+        let id = process.map_or(0, |process| self.as_mut().list(process));
+        let within = if id == 0 { around } else { id };
+        let is_reported = self.is_reported;
+        let mut poll = || self.as_mut().poll_within(within, cx);
+        let polled = match process {
+            Some(process) if is_reported => {
+                events::sub_turn(id as u32, [process.get().into(), around], poll)
+            }
+            _ => poll(),
         };
         if polled.is_ready() {
             self.unlist(code::sub_ended::RETURNED);

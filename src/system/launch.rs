@@ -21,9 +21,9 @@ use luna_config::parameters;
 use luna_core::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_machine::latency::DmaLatency;
 use luna_machine::memory::MemoryLock;
+use luna_machine::shortfall::Shortfall;
 use luna_machine::signals::HeldBack;
 use luna_platform::clock::Clock;
-use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{Attributes, Mode, TIMER_PRIORITY};
 use machine::{Needs, lock_memory};
 use processes::start_processes;
@@ -137,7 +137,7 @@ fn launch_described(
     let held_back = HeldBack::here();
     let (own, cores) = (emergency.clone(), &needs.cores);
     let guard = EmergencyThread::start(own, registry.clone(), needs.real_time, cores)?;
-    shortfalls.extend_from_slice(guard.shortfalls());
+    shortfalls.extend(guard.shortfalls().iter().map(Shortfall::of));
     let opening = Opening::new(&emergency);
     let asked = std::mem::take(&mut settings.logging);
     let recording = log.start(is_virtual, asked, settings.replaces, &opening)?;
@@ -176,7 +176,7 @@ fn launch_described(
         }
         Some(manager) => {
             let thread = start_timers(&manager, &settings, &needs, loops, &emergency)?;
-            shortfalls.extend_from_slice(thread.shortfalls());
+            shortfalls.extend(thread.shortfalls().iter().map(Shortfall::of));
             (Some(manager), Some(thread))
         }
         None => (None, None),

@@ -4,12 +4,12 @@
 //! User space does not see which threads wait for a core, so this module uses the plan. A thread
 //! that is not pinned may come to any core, so it shares all of them.
 
-use super::plan::{NamedThread, Placement, ProcessPlan};
+use super::plan::{NamedThread, Placement, ProcessPlan, Running};
 use crate::csp::composition::ThreadPart;
 use crate::notice::notice;
 use luna_core::ExecutorHandle;
-use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::Attributes;
+use luna_platform::thread::SpinRefusal;
 
 /// Why a thread on `core` is not to look for work before it sleeps: a neighbour, which is pinned to
 /// `neighbours_core`, may want to run there.
@@ -58,6 +58,19 @@ pub(super) fn settle(executors: &mut [Attributes], processes: &mut [ProcessPlan]
 /// A thread may come to those that have been started: refuses it what it cannot have beside them,
 /// and takes from them what they cannot have beside it, which is reported on standard error.
 pub(super) fn join(
+    place: &mut Placement,
+    running: &Running,
+    parts: &[ThreadPart],
+    threads: &[NamedThread],
+) {
+    if let Placement::Thread(attributes) = place
+        && running.simulation.is_none()
+    {
+        join_those(attributes, &running.executors, parts, threads);
+    }
+}
+
+fn join_those(
     attributes: &mut Attributes,
     executors: &[ExecutorHandle],
     parts: &[ThreadPart],
@@ -92,39 +105,38 @@ mod tests {
     use super::*;
     use crate::csp::composition::ThreadKind;
     use luna_core::{Executor, OsThread, ProcessSpec};
-    use luna_platform::shortfall::Shortfall;
-    use luna_platform::thread::available_cores;
+    use luna_platform::thread::{Refusal, available_cores};
     use std::time::Duration;
 
     const TIME: Duration = Duration::from_micros(20);
 
     /// An executor or an OS thread that looks for work before it sleeps, on `core`; and what the
     /// one that comes is refused.
-    fn after_one_has_come(core: usize, comes: Attributes) -> [(bool, Option<Shortfall>); 2] {
+    fn after_one_has_come(core: usize, comes: Attributes) -> [(bool, Option<Refusal>); 2] {
         let attributes = || Attributes::new("first").core(core).spin_before_sleep(TIME);
         let executor = Executor::start(attributes()).unwrap();
         let part = ThreadPart::obtained("first", ThreadKind::Executor, executor.obtained());
         let thread = OsThread::start(attributes(), ProcessSpec::new("first"), || async {}).unwrap();
         let refused = |attributes: Attributes| {
             let came = Executor::start(attributes).unwrap();
-            came.obtained().unwrap().shortfalls.first().cloned()
+            came.obtained().unwrap().refusals.first().cloned()
         };
 
         let mut of_second = comes.clone();
         let executors = [executor.handle().clone()];
-        join(&mut of_second, &executors, &[part], &[]);
+        join_those(&mut of_second, &executors, &[part], &[]);
         let with_executor = (executor.handle().end_spin(), refused(of_second));
 
         let mut of_second = comes;
         let threads = [("first".to_owned(), thread)];
-        join(&mut of_second, &[], &[], &threads);
+        join_those(&mut of_second, &[], &[], &threads);
         [with_executor, (threads[0].1.end_spin(), refused(of_second))]
     }
 
     #[test]
     fn one_that_comes_later_ends_the_looking_of_those_whose_core_it_shares() {
         let core = available_cores()[0];
-        let shared = |why| Some(Shortfall::Spin { asked: TIME, why });
+        let shared = |why| Some(Refusal::Spin { asked: TIME, why });
         let with = "first".to_owned();
         let comes = Attributes::new("second").core(core).spin_before_sleep(TIME);
         let refused = shared(SpinRefusal::SharedCore { with });

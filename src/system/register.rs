@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
 use luna_core::current::ProcessId;
-use luna_core::{Exit, ProcessHandle};
+use luna_core::{Exit, Name, ProcessHandle};
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 
@@ -52,7 +52,7 @@ impl First {
 #[derive(Default)]
 pub(crate) struct Register {
     members: FxHashMap<ProcessId, Member>,
-    names: FxHashSet<Box<str>>,
+    names: FxHashSet<Name>,
     /// Number of processes ever started: the next one's place in the order. From four billion on
     /// all have the same place.
     started: u32,
@@ -78,11 +78,11 @@ pub(crate) struct Register {
 
 impl Register {
     /// Takes a name, unless a remembered process has it.
-    pub(super) fn take_name(&mut self, name: &str) -> bool {
-        self.names.insert(name.into())
+    pub(super) fn take_name(&mut self, name: &Name) -> bool {
+        self.names.insert(name.clone())
     }
 
-    pub(super) fn give_name_back(&mut self, name: &str) {
+    pub(super) fn give_name_back(&mut self, name: &Name) {
         self.names.remove(name);
     }
 
@@ -219,7 +219,7 @@ impl Register {
             self.monitored.remove(&(member.order, id));
         }
         if !member.shares_name {
-            self.names.remove(member.name());
+            self.names.remove(member.handle.as_name());
         }
         let overruns = member.ledger.as_ref().map_or(0, |ledger| {
             ledger.reports().iter().map(|one| one.overruns).sum()
@@ -351,12 +351,10 @@ struct Numbers(BTreeMap<u32, u32>);
 
 impl Numbers {
     fn insert(&mut self, number: u32) {
-        if self.contains(number) {
-            return;
-        }
         let after = number.checked_add(1).and_then(|next| self.0.remove(&next));
         let last = after.unwrap_or(number);
-        match self.0.range_mut(..number).next_back() {
+        match self.0.range_mut(..=number).next_back() {
+            Some((_, end)) if *end >= number => {}
             Some((_, end)) if *end + 1 == number => *end = last,
             _ => drop(self.0.insert(number, last)),
         }

@@ -19,8 +19,9 @@ use luna_core::current;
 use luna_error::Deadlock;
 use luna_events::code;
 use luna_machine::facts::Source;
+use luna_machine::threads::above_users;
 use luna_platform::clock::{Clock, Instant, nanos};
-use luna_platform::thread::{HandlerStack, Obtained, above_users};
+use luna_platform::thread::{HandlerStack, Obtained};
 use std::collections::VecDeque;
 use std::time::Duration;
 

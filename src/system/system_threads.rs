@@ -6,6 +6,7 @@ use crate::report::ThreadReport;
 use crate::safety::Cause;
 use luna_core::{Executor, Simulation};
 use luna_machine::facts::{RealTimeShare, Source};
+use luna_machine::shortfall::Shortfall;
 use luna_platform::clock::Instant;
 use luna_platform::thread::{Obtained, Policy};
 use std::collections::VecDeque;
@@ -128,7 +129,7 @@ fn thread_report(
         policy: obtained.map_or(Policy::Other, |got| got.policy),
         core: obtained.and_then(|got| got.core),
         shortfalls: obtained
-            .map(|got| got.shortfalls.clone())
+            .map(|got| got.refusals.iter().map(Shortfall::of).collect())
             .unwrap_or_default(),
         abandoned,
         processor_time,

@@ -6,8 +6,8 @@ use crate::error::Error;
 use crate::notice::notice;
 use luna_core::Executor;
 use luna_core::current::ProcessId;
+use luna_machine::shortfall::{LatencyRefusal, Means, MemoryRefusal, PolicyRefusal, Shortfall};
 use luna_platform::clock::Instant;
-use luna_platform::shortfall::{LatencyRefusal, Means, MemoryRefusal, PolicyRefusal, Shortfall};
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
 use std::time::Duration;
@@ -82,14 +82,13 @@ pub(super) fn announce_shortfalls(
     let of_all = of_executors.chain(of_threads).flat_map(|(name, obtained)| {
         obtained
             .into_iter()
-            .flat_map(|got| &got.shortfalls)
-            .map(move |one| (name, one))
+            .flat_map(|got| &got.refusals)
+            .map(move |one| (name, Shortfall::of(one)))
     });
-    let all: Vec<_> = of_system
-        .iter()
-        .map(|one| ("system", one))
-        .chain(of_all)
-        .collect();
+    let of_all: Vec<_> = of_all.collect();
+    let of_all = of_all.iter().map(|(name, one)| (*name, one));
+    let of_system = of_system.iter().map(|one| ("system", one));
+    let all: Vec<_> = of_system.chain(of_all).collect();
     for line in lines_about(&all, Means::here().is_root()) {
         notice!("luna: {line}");
     }
@@ -193,7 +192,7 @@ impl PendingErrors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use luna_platform::shortfall::{CoreRefusal, SpinRefusal};
+    use luna_machine::shortfall::{CoreRefusal, SpinRefusal};
     use luna_platform::thread::Policy;
 
     fn policy(asked: Policy) -> Shortfall {

@@ -7,8 +7,8 @@ use crate::common;
 use common::{SpawnOk, skip, watchdog};
 use luna::prelude::*;
 use luna::realtime::ordinary_child;
+use luna_machine::facts::parse::core_list;
 use luna_machine::facts::task::field;
-use luna_platform::thread::core_list;
 use std::process::{Command, Stdio};
 
 /// The cores and the blocked signals of a program.

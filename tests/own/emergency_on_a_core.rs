@@ -72,7 +72,7 @@ fn part() {
     if common::part().as_deref() != Some("limited") {
         return;
     }
-    use luna_platform::thread::core_list;
+    use luna_machine::facts::parse::core_list;
     if !common::has_real_time() {
         println!("no priorities");
         return;

@@ -8,7 +8,7 @@ use luna::prelude::*;
 use luna::report::Shortfall;
 use luna::system::{AttributeError, ProcessBuilder};
 use luna::{Error, Report};
-use luna_platform::shortfall::SpinRefusal;
+use luna_platform::thread::SpinRefusal;
 use luna_platform::thread::available_cores;
 use std::time::Duration;
 

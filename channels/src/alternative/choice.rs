@@ -36,9 +36,7 @@ use core::mem::MaybeUninit;
 use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
-use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PendingWake, PlainTurn, Turn};
-use luna_core::wait_list::WaitNode;
 use luna_platform::clock::Clock;
 
 /// Maximum number of guards of one `alt!`. For more use an [`Alternative`](crate::Alternative),
@@ -69,15 +67,17 @@ enum State {
 /// and lead to it; in any other state none is. Unless it is open, it has nothing to be dropped but
 /// its locks.
 #[must_use = "an alternative does nothing unless awaited"]
+#[repr(C)]
 pub struct Choice<'b, 'a> {
     /// In the order written.
     offers: &'b mut [Offer<'a>],
+    state: State,
     is_fair: bool,
     has_skip: bool,
     has_select_state: bool,
-    state: State,
-    select_state: MaybeUninit<SelectState>,
+    // What is not written at first lies behind what is.
     stop: Stop,
+    select_state: MaybeUninit<SelectState>,
     _pinned: PhantomPinned,
 }
 
@@ -128,38 +128,12 @@ impl Future for Choice<'_, '_> {
     }
 }
 
-/// What a look at a guard has found.
-enum Look {
-    NotReady,
-    /// Its own attempt decides.
-    Maybe,
-    /// A partner waits alone.
-    Ready,
-}
-
-/// Looks whether a guard of its wait point is ready.
-#[inline(always)]
-fn look<'a, L: Locks<'a>>(lists: &mut WaitQueues, offer: &Offer<'_>) -> Look {
-    if !L::OWN || offer.plain().is_none() {
-        return Look::Maybe;
-    }
-    if lists.waiting.is_idle() {
-        return Look::NotReady;
-    }
-    if lists.waiting.one(!offer.of_sender()).is_some() {
-        return Look::Ready;
-    }
-    look_at_queues(lists)
-}
-
+/// Whether nothing waits there, though something did until now.
 #[cold]
 #[inline(never)]
-fn look_at_queues(lists: &mut WaitQueues) -> Look {
+fn is_idle_without_queues(lists: &mut WaitQueues) -> bool {
     lists.leave_queues();
-    match lists.waiting.is_idle() {
-        true => Look::NotReady,
-        false => Look::Maybe,
-    }
+    lists.waiting.is_idle()
 }
 
 /// Makes these lists say all that waits there, for a guard's own step.
@@ -181,15 +155,123 @@ pub(super) fn take_preferred(offers: &[Offer<'_>], set: &mut u32, by_stamp: bool
 }
 
 impl<'a> Choice<'_, 'a> {
-    /// Polls a new one in a plain turn.
+    /// The prologue of [`decide`](Self::decide), in a plain turn: all guards are plain, their locks
+    /// are biased to this executor, and nothing waits there but partners alone. Guards then wait
+    /// alone too, and none calls anything.
     #[inline(never)]
     fn begin_plain(&mut self, plain: PlainTurn<'_>, turn: Turn<'_>) -> Poll<u32> {
+        let (mut entered, mut ready, mut least) = (0_u32, None, u64::MAX);
+        let mut is_other = self.has_skip;
+        for (number, offer) in self.offers.iter().enumerate() {
+            // One behind a ready one, in the order of preference, cannot be chosen.
+            if ready.is_some() && (!self.is_fair || offer.stamp() >= least) {
+                continue;
+            }
+            let (Some(wait_point), Some(_)) = (offer.wait_point(), offer.plain()) else {
+                is_other = true;
+                break;
+            };
+            let Some(mut lists) = wait_point.enter_in(plain.here()) else {
+                is_other = true;
+                break;
+            };
+            entered |= 1 << number;
+            if !lists.waiting.is_idle() {
+                if lists.waiting.one(!offer.of_sender()).is_some() {
+                    (ready, least) = (Some(number), offer.stamp());
+                } else {
+                    is_other |= !is_idle_without_queues(&mut lists);
+                }
+            }
+            lists.keep();
+        }
+        if is_other {
+            self.leave(entered, plain);
+            return self.begin_other(plain, turn);
+        }
+        if let Some(number) = ready {
+            self.leave(entered & !(1 << number), plain);
+            return self.meet(number, plain);
+        }
+        self.wait_alone(plain);
+        Poll::Pending
+    }
+
+    /// Releases the locks of these guards' wait points, which were kept.
+    #[inline(always)]
+    fn leave(&self, entered: u32, plain: PlainTurn<'_>) {
+        for (number, offer) in self.offers.iter().enumerate() {
+            if entered & (1 << number) != 0
+                && let Some(wait_point) = offer.wait_point()
+            {
+                // SAFETY: this thread has kept the lock, and takes it back once.
+                drop(unsafe { wait_point.kept(plain) });
+            }
+        }
+    }
+
+    /// Lets the guard that the prologue has found ready meet the partner that waits alone, and the
+    /// partner go. Its lock was kept.
+    #[inline(always)]
+    fn meet(&mut self, number: usize, plain: PlainTurn<'_>) -> Poll<u32> {
+        self.note_choice(number as u32);
+        self.state = State::GaveWay(number as u32);
+        let offer = &mut self.offers[number];
+        let of_sender = offer.of_sender();
+        let (Some(wait_point), Some(guard)) = (offer.wait_point(), offer.guard_mut()) else {
+            unreachable!("a guard without a wait point has a partner");
+        };
+        // SAFETY: the lock was kept, and is taken back once. The guard is plain and new, and the
+        // partner is noted at the other side of its wait point. Then the value was moved, and the
+        // partner waits alone.
+        let result = unsafe {
+            let lists = wait_point.kept(plain);
+            let partner = lists.waiting.one(!of_sender).unwrap_unchecked();
+            guard.meet(partner);
+            part_alone(wait_point, lists, partner, of_sender, plain)
+        };
+        if result == FastPath::GaveWay {
+            return Poll::Pending;
+        }
+        self.state = State::Over;
+        Poll::Ready(number as u32)
+    }
+
+    /// Lets all guards wait alone, and releases the locks, which were kept.
+    #[inline(always)]
+    fn wait_alone(&mut self, plain: PlainTurn<'_>) {
+        let select_state = self.open(plain, None);
+        let user = LastUser::process(plain.process().id());
+        for (number, offer) in self.offers.iter().enumerate() {
+            if let (Some(wait_point), Some(waiter)) = (offer.wait_point(), offer.plain()) {
+                // SAFETY: this thread has kept the lock, and takes it back once. The node is new,
+                // so no other thread knows it; it is withdrawn before it and the select state go.
+                let mut lists = unsafe {
+                    let lists = wait_point.kept(plain);
+                    Waiter::begin_guard_alone(waiter, select_state, number as u32);
+                    lists
+                };
+                lists.note_user(offer.of_sender(), user);
+                lists.waiting = Waiting::alone_guard(waiter.cast(), offer.of_sender());
+            }
+        }
+    }
+
+    /// Opens the select state, before another thread can find a node that leads to it.
+    #[inline(always)]
+    fn open(&mut self, owner: impl Owner, limit: Option<Limit>) -> NonNull<SelectState> {
+        self.select_state.write(owner.open(limit));
+        self.has_select_state = true;
+        self.state = State::Listed;
+        NonNull::from(&mut self.select_state).cast()
+    }
+
+    /// Begins in a plain turn, whatever is offered and waits.
+    #[inline(never)]
+    fn begin_other(&mut self, plain: PlainTurn<'_>, turn: Turn<'_>) -> Poll<u32> {
         // The locks are left before anything else is tried.
         let decided = self.decide(&mut Own::of(plain), plain, turn);
-        match decided {
-            Some(polled) => polled,
-            None => self.poll_otherwise(turn),
-        }
+        decided.unwrap_or_else(|| self.poll_otherwise(turn))
     }
 
     /// Polls one in a plain turn that is not new.
@@ -219,7 +301,6 @@ impl<'a> Choice<'_, 'a> {
 
     /// Decides under the locks: makes the first ready guard by preference happen; with none, lists
     /// all of them. `None`: not possible with these locks, and nothing has happened.
-    #[inline(always)]
     fn decide<'l, L: Locks<'l>>(
         &mut self,
         locks: &mut L,
@@ -229,40 +310,22 @@ impl<'a> Choice<'_, 'a> {
     where
         'a: 'l,
     {
-        let (mut candidates, mut least, mut times) = (0_u32, u64::MAX, 0);
+        let mut candidates = 0;
         for (number, offer) in self.offers.iter().enumerate() {
-            // One behind a ready one, in the order of preference, cannot be chosen.
-            let is_behind = least != u64::MAX && offer.stamp() >= least;
-            let Some(wait_point) = offer.wait_point().filter(|_| !is_behind) else {
-                locks.pass_over();
-                times += u32::from(offer.is_of_time());
-                candidates |= u32::from(offer.is_of_time()) << number;
-                continue;
-            };
-            match locks.reach(wait_point, |lists| look::<L>(lists, offer))? {
-                Look::NotReady => {}
-                Look::Maybe => candidates |= 1 << number,
-                Look::Ready => {
-                    candidates |= 1 << number;
-                    if !self.is_fair {
-                        break;
-                    }
-                    least = offer.stamp();
+            let may_be_ready = match offer.wait_point() {
+                Some(wait_point) => locks.reach(wait_point, |lists| {
+                    lists.leave_queues();
+                    offer.plain().is_none() || !lists.waiting.is_idle()
+                })?,
+                None => {
+                    locks.pass_over();
+                    offer.is_open()
                 }
-            }
+            };
+            candidates |= u32::from(may_be_ready) << number;
         }
-        let mut is_to_release = !L::OWN;
         while let Some(number) = take_preferred(self.offers, &mut candidates, self.is_fair) {
             let offer = &mut self.offers[number];
-            if L::OWN
-                && let Some(wait_point) = offer.wait_point()
-                && let Some(partner) = alone(locks.lists(number, wait_point), offer)
-                && let Some((lists, plain)) = locks.leave_others(number)
-            {
-                let met = self.meet(number, (wait_point, lists, plain), partner, is_to_release);
-                return Some(met);
-            }
-            is_to_release = true;
             if let Attempt::Ready(ready) = attempt(offer, number, locks, turn) {
                 return Some(self.made(number, ready, locks, turn));
             }
@@ -270,76 +333,22 @@ impl<'a> Choice<'_, 'a> {
         if self.has_skip {
             return Some(self.made(self.offers.len(), PendingWake::NONE, locks, turn));
         }
-        let limit = if times != 0 { self.limit() } else { None };
-        self.select_state.write(owner.open(limit));
-        self.has_select_state = true;
-        self.state = State::Listed;
-        let select_state = NonNull::from(&mut self.select_state).cast();
-        let user = LastUser::of(turn.here().user());
-        // In the order of preference: a partner finds the preferred one of two guards of one
-        // channel. Where each has a lock of its own, no channel stands here twice.
+        let select_state = self.open(owner, self.limit());
         locks.for_each(
             self.offers,
             self.is_fair,
             |number, offer, wait_point, lists| {
-                if L::OWN
-                    && lists.waiting.is_idle()
-                    && let Some(waiter) = offer.plain()
-                {
-                    // SAFETY: the node is new, so no other thread knows it; it is withdrawn before it
-                    // and the select state go.
-                    unsafe { Waiter::begin_guard_alone(waiter, select_state, number as u32) };
-                    lists.note_user(offer.of_sender(), user);
-                    lists.waiting = Waiting::alone_guard(waiter.cast(), offer.of_sender());
-                } else {
-                    is_to_release = true;
-                    list_itself(offer, number, wait_point, lists, select_state);
+                prepare(wait_point, lists);
+                if let Some(guard) = offer.guard_mut() {
+                    // SAFETY: the lists are those of the guard's wait point. The guard is new, since it
+                    // was not ready, and is withdrawn before the select state goes.
+                    unsafe { guard.list(lists, select_state, number as u32) };
                 }
             },
         );
         locks.leave();
-        match is_to_release || times != 0 {
-            true => Some(self.listed(turn)),
-            false => Some(Poll::Pending),
-        }
-    }
-
-    /// All guards are listed, and the locks were released.
-    #[cold]
-    #[inline(never)]
-    fn listed(&mut self, turn: Turn<'_>) -> Poll<u32> {
         self.release(0);
-        self.poll_listed(turn)
-    }
-
-    /// Lets a ready guard meet the partner that waits alone, and the partner go.
-    #[inline(always)]
-    fn meet(
-        &mut self,
-        number: usize,
-        (wait_point, lists, plain): (&WaitPoint, InsideGuard<'_, WaitQueues>, PlainTurn<'_>),
-        partner: NonNull<WaitNode>,
-        is_to_release: bool,
-    ) -> Poll<u32> {
-        self.note_choice(number as u32);
-        let offer = &mut self.offers[number];
-        let of_sender = offer.of_sender();
-        if let Some(guard) = offer.guard_mut() {
-            // SAFETY: it is plain and new. The partner is noted at the other side of its wait
-            // point, whose lock is held.
-            unsafe { guard.meet(partner) };
-        }
-        self.state = State::GaveWay(number as u32);
-        // SAFETY: the value was moved, and the partner waits alone.
-        let result = unsafe { part_alone(wait_point, lists, partner, of_sender, plain) };
-        if is_to_release {
-            self.release(0);
-        }
-        if result == FastPath::GaveWay {
-            return Poll::Pending;
-        }
-        self.state = State::Over;
-        Poll::Ready(number as u32)
+        Some(self.poll_listed(turn))
     }
 
     /// The guard of this number has happened, or `skip` has: releases the locks, and wakes the
@@ -424,13 +433,6 @@ impl<'a> Choice<'_, 'a> {
     }
 }
 
-/// The partner of a plain guard that waits alone, if there is one.
-#[inline(always)]
-fn alone(lists: Option<&mut WaitQueues>, offer: &Offer<'_>) -> Option<NonNull<WaitNode>> {
-    offer.plain()?;
-    lists?.waiting.one(!offer.of_sender())
-}
-
 /// Makes a guard happen by its own step, if possible.
 #[inline(never)]
 fn attempt<'l, 'a: 'l, L: Locks<'l>>(
@@ -450,23 +452,6 @@ fn attempt<'l, 'a: 'l, L: Locks<'l>>(
         // happened.
         Some(guard) => unsafe { guard.attempt(lists, &mut turn.context()) },
         None => Attempt::NotReady,
-    }
-}
-
-/// Lists a guard by its own step.
-#[inline(never)]
-fn list_itself(
-    offer: &mut Offer<'_>,
-    number: usize,
-    wait_point: &WaitPoint,
-    lists: &mut WaitQueues,
-    select_state: NonNull<SelectState>,
-) {
-    prepare(wait_point, lists);
-    if let Some(guard) = offer.guard_mut() {
-        // SAFETY: the lists are those of the guard's wait point. The guard is new, since it was not
-        // ready, and is withdrawn before the select state goes.
-        unsafe { guard.list(lists, select_state, number as u32) };
     }
 }
 

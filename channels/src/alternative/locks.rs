@@ -21,9 +21,6 @@ use luna_core::current::PlainTurn;
 /// The locks, in whichever way they are held. The guards are gone through once, in the order
 /// written; then a guard's lists are asked for by its number and its wait point.
 pub(super) trait Locks<'l> {
-    /// Whether each guard has a lock of its own, which this executor holds by its bias.
-    const OWN: bool;
-
     /// Goes to the next guard, and looks at the lists of its wait point. `None`: its lock cannot be
     /// taken in this way.
     fn reach<R>(
@@ -47,12 +44,6 @@ pub(super) trait Locks<'l> {
         f: impl FnMut(usize, &mut Offer<'a>, &'l WaitPoint, &mut WaitQueues),
     );
 
-    /// Releases all locks but that of one guard, if each has its own.
-    fn leave_others(
-        &mut self,
-        number: usize,
-    ) -> Option<(InsideGuard<'l, WaitQueues>, PlainTurn<'l>)>;
-
     /// Releases all locks.
     fn leave(&mut self);
 }
@@ -64,7 +55,6 @@ pub(super) struct Own<'a> {
 }
 
 impl<'a> Own<'a> {
-    #[inline(always)]
     pub(super) fn of(turn: PlainTurn<'a>) -> Self {
         Self {
             turn,
@@ -74,9 +64,6 @@ impl<'a> Own<'a> {
 }
 
 impl<'l> Locks<'l> for Own<'l> {
-    const OWN: bool = true;
-
-    #[inline(always)]
     fn reach<R>(
         &mut self,
         wait_point: &'l WaitPoint,
@@ -88,17 +75,14 @@ impl<'l> Locks<'l> for Own<'l> {
         Some(looked)
     }
 
-    #[inline(always)]
     fn pass_over(&mut self) {
         self.guards.push(None);
     }
 
-    #[inline(always)]
     fn lists(&mut self, number: usize, _: &'l WaitPoint) -> Option<&mut WaitQueues> {
         self.guards.get_mut(number)?.as_deref_mut()
     }
 
-    #[inline(always)]
     fn for_each<'a: 'l>(
         &mut self,
         offers: &mut [Offer<'a>],
@@ -115,17 +99,6 @@ impl<'l> Locks<'l> for Own<'l> {
         }
     }
 
-    #[inline(always)]
-    fn leave_others(
-        &mut self,
-        number: usize,
-    ) -> Option<(InsideGuard<'l, WaitQueues>, PlainTurn<'l>)> {
-        let own = self.guards.get_mut(number)?.take()?;
-        self.leave();
-        Some((own, self.turn))
-    }
-
-    #[inline(always)]
     fn leave(&mut self) {
         self.guards.clear();
     }
@@ -167,8 +140,6 @@ fn order(wait_point: &WaitPoint) -> u64 {
 }
 
 impl<'l> Locks<'l> for InOrder<'l> {
-    const OWN: bool = false;
-
     fn reach<R>(
         &mut self,
         wait_point: &'l WaitPoint,
@@ -203,10 +174,6 @@ impl<'l> Locks<'l> for InOrder<'l> {
                 f(number, offer, wait_point, lists);
             }
         }
-    }
-
-    fn leave_others(&mut self, _: usize) -> Option<(InsideGuard<'l, WaitQueues>, PlainTurn<'l>)> {
-        None
     }
 
     fn leave(&mut self) {

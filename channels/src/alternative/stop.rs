@@ -29,9 +29,10 @@ mod list {
 ///
 /// Once `list` was called it is pinned and its node is there, and it is unlisted when it is dropped.
 #[derive(Debug)]
+#[repr(C)]
 pub(super) struct Stop {
-    node: UnsafeCell<MaybeUninit<WaitNode>>,
     is_listed: bool,
+    node: UnsafeCell<MaybeUninit<WaitNode>>,
     _pinned: PhantomPinned,
 }
 

@@ -56,7 +56,7 @@ struct Round {
 /// All nodes in the wait point's lists are waiters of `()`; those of alternatives lead to select
 /// states that were opened for several commits, each to another one. A node's `ticket` is the round
 /// that it waits in.
-type Meeting = GuardedWaitPoint<Round>;
+type BarrierPoint = GuardedWaitPoint<Round>;
 
 /// A meeting point of several processes: each `sync` waits until all parties have come.
 ///
@@ -77,7 +77,7 @@ type Meeting = GuardedWaitPoint<Round>;
 /// thread.join().unwrap().unwrap();
 /// ```
 pub struct Barrier {
-    meeting: Shared<Meeting>,
+    point: Shared<BarrierPoint>,
     chosen: Stamp,
 }
 
@@ -96,7 +96,7 @@ impl Barrier {
             number: 0,
         };
         Barrier {
-            meeting: GuardedWaitPoint::share(WaitPointKind::Barrier, round),
+            point: GuardedWaitPoint::share(WaitPointKind::Barrier, round),
             chosen: Stamp::new(),
         }
     }
@@ -118,19 +118,19 @@ impl Barrier {
     /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round,
     /// that round waits for it too.
     pub fn enroll(&self) -> Party {
-        self.meeting.lock().state().parties += 1;
+        self.point.lock().state().parties += 1;
         Party::new(self.clone())
     }
 
     /// Removes one of the parties that [`new`](Self::new) counted. If all others have come, the
     /// round is complete. O(parties) then. A barrier without parties stays one.
     pub fn resign(&self) {
-        self.meeting.resign();
+        self.point.resign();
     }
 
     /// Number of parties that must come: for display, since it may have changed already.
     pub fn parties(&self) -> usize {
-        self.meeting.lock().state().parties
+        self.point.lock().state().parties
     }
 
     /// Puts a group of `parties` processes in the place of one party that [`new`](Self::new)
@@ -154,7 +154,7 @@ impl Barrier {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn local(&self, parties: usize) -> Barrier {
-        self.meeting.lock().state().parties += parties.saturating_sub(1);
+        self.point.lock().state().parties += parties.saturating_sub(1);
         self.clone()
     }
 
@@ -171,14 +171,14 @@ impl Barrier {
     /// ```
     #[must_use]
     pub fn external(self) -> Self {
-        self.meeting.identity.set_external();
+        self.point.identity.set_external();
         self
     }
 
     /// Names the barrier in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {
-        self.meeting.identity.set_name(name);
+        self.point.identity.set_name(name);
         self
     }
 }
@@ -186,15 +186,15 @@ impl Barrier {
 impl Clone for Barrier {
     fn clone(&self) -> Self {
         Barrier {
-            meeting: self.meeting.clone(),
+            point: self.point.clone(),
             chosen: Stamp::new(),
         }
     }
 }
 
-luna_platform::debug_fields!(Barrier, |barrier| shared: &raw const *barrier.meeting);
+luna_platform::debug_fields!(Barrier, |barrier| shared: &raw const *barrier.point);
 
-impl Meeting {
+impl BarrierPoint {
     /// Remembers that a party is unknown to every system: from outside, or a thread of its own.
     fn note_user(&self) {
         if current::user() == User::Outside {
@@ -205,11 +205,11 @@ impl Meeting {
     }
 
     fn resign(&self) {
-        let mut meeting = self.lock();
-        let round = meeting.state();
+        let mut point = self.lock();
+        let round = point.state();
         round.parties = round.parties.saturating_sub(1);
-        let is_complete = meeting.complete_with(0);
-        drop(meeting);
+        let is_complete = point.complete_with(0);
+        drop(point);
         if is_complete {
             self.release();
         }
@@ -287,7 +287,7 @@ impl<L: Lists> Locked<'_, Round, L> {
     }
 
     /// Completes the round if enough have come together with `more` unlisted parties. The waiting
-    /// parties are then to be [released](Meeting::release), without the lock. O(parties that are
+    /// parties are then to be [released](BarrierPoint::release), without the lock. O(parties that are
     /// alternatives).
     #[inline]
     fn complete_with(&mut self, more: usize) -> bool {
@@ -314,7 +314,7 @@ impl<L: Lists> Locked<'_, Round, L> {
     /// parties that have come and `more`. Those that have chosen another guard go off the list.
     #[inline(never)]
     fn commit_offering(&mut self, more: usize) -> bool {
-        // SAFETY: the lock is held, so the nodes are live waiters, and by `Meeting`'s invariants
+        // SAFETY: the lock is held, so the nodes are live waiters, and by `BarrierPoint`'s invariants
         // lead to select states that need their commit lock, each to another one. These are live
         // while their node is listed. So this thread enters each once, in their order, and leaves
         // each once: with a guard only if it was open. A stale one is settled after it was taken

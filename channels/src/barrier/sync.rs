@@ -1,6 +1,6 @@
 //! A party's coming to a barrier.
 
-use super::{Barrier, Meeting, Round};
+use super::{Barrier, BarrierPoint, Round};
 use crate::alternative::{Attempt, Guard, RawGuard, Terms, own_seed};
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
@@ -17,7 +17,7 @@ use luna_core::current::{self, PendingWake, Renewal, Turn};
 use luna_platform::sync::atomic::Ordering;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
+enum SyncPhase {
     New,
     /// The node is in one of the barrier's lists, or was settled.
     Listed,
@@ -37,7 +37,7 @@ enum Phase {
 pub struct SyncOp<'a> {
     barrier: &'a Barrier,
     node: UnsafeCell<Waiter<()>>,
-    phase: Phase,
+    phase: SyncPhase,
     _pinned: PhantomPinned,
 }
 
@@ -55,14 +55,14 @@ impl<'a> SyncOp<'a> {
         SyncOp {
             barrier,
             node: UnsafeCell::new(Waiter::empty()),
-            phase: Phase::New,
+            phase: SyncPhase::New,
             _pinned: PhantomPinned,
         }
     }
 
     #[inline]
-    fn meeting(&self) -> &'a Meeting {
-        &self.barrier.meeting
+    fn point(&self) -> &'a BarrierPoint {
+        &self.barrier.point
     }
 
     #[inline]
@@ -79,31 +79,31 @@ impl<'a> SyncOp<'a> {
 
     /// Comes: completes the round, or waits.
     #[inline(never)]
-    fn come(&mut self, turn: Turn<'_>) -> Poll<()> {
+    fn arrive(&mut self, turn: Turn<'_>) -> Poll<()> {
         if let Some(plain) = turn.plain()
-            && let Some(locked) = self.meeting().enter_in(turn.here())
+            && let Some(locked) = self.point().enter_in(turn.here())
         {
-            return self.come_under(locked, plain, turn);
+            return self.arrive_under(locked, plain, turn);
         }
-        self.come_otherwise(turn)
+        self.arrive_otherwise(turn)
     }
 
     /// Comes in a turn that is not plain, or where the lock is not biased to its executor.
     #[cold]
     #[inline(never)]
-    fn come_otherwise(&mut self, turn: Turn<'_>) -> Poll<()> {
-        let (meeting, here) = (self.meeting(), turn.here());
+    fn arrive_otherwise(&mut self, turn: Turn<'_>) -> Poll<()> {
+        let (point, here) = (self.point(), turn.here());
         if turn.branch_failed() {
             return self.end_branch(turn);
         }
-        meeting.note_user();
+        point.note_user();
         let handle = turn.wake_handle();
-        self.come_under(meeting.lock_in(here), (here, handle), turn)
+        self.arrive_under(point.lock_in(here), (here, handle), turn)
     }
 
     /// Comes under the lock of its barrier, in whichever way it is held.
     #[inline(always)]
-    fn come_under(
+    fn arrive_under(
         &mut self,
         mut locked: Locked<'_, Round, impl Lists>,
         waits: impl Waits,
@@ -111,14 +111,14 @@ impl<'a> SyncOp<'a> {
     ) -> Poll<()> {
         match locked.is_missing_more() {
             true => self.wait(locked, waits),
-            false => self.come_last(locked, waits, turn),
+            false => self.arrive_last(locked, waits, turn),
         }
     }
 
     /// All others have come, or offer to. A function of its own, so that no register is saved for
     /// it where the party waits.
     #[inline(never)]
-    fn come_last(
+    fn arrive_last(
         &mut self,
         mut locked: Locked<'_, Round, impl Lists>,
         waits: impl Waits,
@@ -127,9 +127,9 @@ impl<'a> SyncOp<'a> {
         if !locked.complete_with(1) {
             return self.wait(locked, waits);
         }
-        self.phase = Phase::Over;
-        if self.meeting().release_some(locked, turn.here()) {
-            self.meeting().release();
+        self.phase = SyncPhase::Over;
+        if self.point().release_some(locked, turn.here()) {
+            self.point().release();
         }
         self.let_others_run(turn)
     }
@@ -145,19 +145,19 @@ impl<'a> SyncOp<'a> {
             Waiter::begin_for(self.node(), waits, number);
             locked.arrived().insert_again(self.node().cast());
         }
-        self.phase = Phase::Listed;
+        self.phase = SyncPhase::Listed;
         drop(locked);
-        self.meeting().waits();
+        self.point().waits();
         Poll::Pending
     }
 
     /// Looks whether the round is complete: it is listed, and was polled again.
     #[cold]
-    fn look_again(&mut self, cx: &Context<'_>) -> Poll<()> {
-        let meeting = self.meeting();
+    fn poll_listed(&mut self, cx: &Context<'_>) -> Poll<()> {
+        let point = self.point();
         let mut renewal = Renewal::of(cx);
         let polled = renewal.put(|renewal| {
-            let mut locked = meeting.lock();
+            let mut locked = point.lock();
             // SAFETY: under the lock a listed node may be changed, and the round's number
             // determines its list.
             unsafe {
@@ -178,12 +178,12 @@ impl<'a> SyncOp<'a> {
         });
         match polled {
             Poll::Pending => {
-                meeting.waits();
+                point.waits();
                 Poll::Pending
             }
             // The former handle is dropped at the end: that may run user code.
             Poll::Ready(_former) => {
-                self.phase = Phase::Over;
+                self.phase = SyncPhase::Over;
                 Poll::Ready(())
             }
         }
@@ -193,7 +193,7 @@ impl<'a> SyncOp<'a> {
     #[inline(always)]
     fn let_others_run(&mut self, turn: Turn<'_>) -> Poll<()> {
         if turn.yields_after_operation() {
-            self.phase = Phase::GaveWay;
+            self.phase = SyncPhase::GaveWay;
             return Poll::Pending;
         }
         Poll::Ready(())
@@ -204,14 +204,14 @@ impl<'a> SyncOp<'a> {
     #[inline(never)]
     fn poll_again(&mut self, turn: Turn<'_>) -> Poll<()> {
         match self.phase {
-            Phase::New | Phase::Listed if turn.branch_failed() => self.end_branch(turn),
-            Phase::New => self.come(turn),
-            Phase::Listed => self.look_again(&turn.context()),
-            Phase::GaveWay => {
-                self.phase = Phase::Over;
+            SyncPhase::New | SyncPhase::Listed if turn.branch_failed() => self.end_branch(turn),
+            SyncPhase::New => self.arrive(turn),
+            SyncPhase::Listed => self.poll_listed(&turn.context()),
+            SyncPhase::GaveWay => {
+                self.phase = SyncPhase::Over;
                 Poll::Ready(())
             }
-            Phase::Completed | Phase::Over => panic!("a sync was polled after it was over"),
+            SyncPhase::Completed | SyncPhase::Over => panic!("a sync was polled after it was over"),
         }
     }
 
@@ -219,10 +219,10 @@ impl<'a> SyncOp<'a> {
     #[cold]
     fn end_branch(&mut self, turn: Turn<'_>) -> Poll<()> {
         if self.leave() {
-            self.phase = Phase::Over;
+            self.phase = SyncPhase::Over;
             return Poll::Ready(());
         }
-        self.phase = Phase::New;
+        self.phase = SyncPhase::New;
         current::end_branch(&turn.context());
         Poll::Pending
     }
@@ -231,11 +231,11 @@ impl<'a> SyncOp<'a> {
     #[cold]
     fn drop_early(&mut self) {
         match self.phase {
-            Phase::Listed => {
+            SyncPhase::Listed => {
                 self.leave();
             }
             // The round is complete, whatever becomes of this party.
-            _ => self.meeting().release(),
+            _ => self.point().release(),
         }
     }
 
@@ -243,12 +243,12 @@ impl<'a> SyncOp<'a> {
     /// complete.
     fn leave(&mut self) -> bool {
         match self.phase {
-            Phase::Listed => {}
-            Phase::New => return false,
-            Phase::Completed | Phase::GaveWay | Phase::Over => return true,
+            SyncPhase::Listed => {}
+            SyncPhase::New => return false,
+            SyncPhase::Completed | SyncPhase::GaveWay | SyncPhase::Over => return true,
         }
-        self.meeting().waits_no_more();
-        let mut locked = self.meeting().lock();
+        self.point().waits_no_more();
+        let mut locked = self.point().lock();
         // SAFETY: the node was listed and is this future's. Under the lock one that is not settled
         // is in a list, which the round's number and its select state determine.
         unsafe {
@@ -290,9 +290,9 @@ impl Future for SyncOp<'_> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         let this = self.in_place();
         match this.phase {
-            Phase::New => this.come(Turn::of(cx)),
-            Phase::Listed if this.outcome() == Outcome::Done => {
-                this.phase = Phase::Over;
+            SyncPhase::New => this.arrive(Turn::of(cx)),
+            SyncPhase::Listed if this.outcome() == Outcome::Done => {
+                this.phase = SyncPhase::Over;
                 Poll::Ready(())
             }
             _ => this.poll_again(Turn::of(cx)),
@@ -303,7 +303,7 @@ impl Future for SyncOp<'_> {
 // SAFETY: it borrows its barrier, which keeps the wait point; its drop takes it off the list.
 unsafe impl RawGuard for SyncOp<'_> {
     fn terms(&self) -> Terms {
-        Terms::at(self.meeting(), &self.barrier.chosen)
+        Terms::at(self.point(), &self.barrier.chosen)
     }
 
     unsafe fn attempt(
@@ -315,9 +315,9 @@ unsafe impl RawGuard for SyncOp<'_> {
         let Some(lists) = lists else {
             return Attempt::NotReady;
         };
-        this.meeting().note_user();
-        if this.meeting().locked(lists).complete_with(1) {
-            this.phase = Phase::Completed;
+        this.point().note_user();
+        if this.point().locked(lists).complete_with(1) {
+            this.phase = SyncPhase::Completed;
             Attempt::Ready(PendingWake::NONE)
         } else {
             Attempt::NotReady
@@ -331,7 +331,7 @@ unsafe impl RawGuard for SyncOp<'_> {
         guard: u32,
     ) {
         let this = self.in_place();
-        let mut locked = this.meeting().locked(lists);
+        let mut locked = this.point().locked(lists);
         // SAFETY: the lock is held. All nodes of its alternatives lead to select states, live while
         // they are listed, as this one will be. The new node is in none of the lists, and is taken
         // off before it goes.
@@ -362,7 +362,7 @@ unsafe impl RawGuard for SyncOp<'_> {
                 .offering()
                 .insert_after(before, this.node().cast(), current::priority(), None);
         }
-        this.phase = Phase::Listed;
+        this.phase = SyncPhase::Listed;
     }
 
     unsafe fn withdraw(self: Pin<&mut Self>) {
@@ -372,12 +372,12 @@ unsafe impl RawGuard for SyncOp<'_> {
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         let this = self.in_place();
         match this.phase {
-            Phase::Completed => {
-                this.phase = Phase::GaveWay;
-                this.meeting().release();
+            SyncPhase::Completed => {
+                this.phase = SyncPhase::GaveWay;
+                this.point().release();
                 Poll::Ready(())
             }
-            Phase::Listed if this.outcome() != Outcome::Done => this.look_again(cx),
+            SyncPhase::Listed if this.outcome() != Outcome::Done => this.poll_listed(cx),
             _ => Poll::Ready(()),
         }
     }
@@ -389,14 +389,14 @@ impl Guard for SyncOp<'_> {
     own_seed!();
 
     unsafe fn output(self: Pin<&mut Self>) {
-        self.in_place().phase = Phase::Over;
+        self.in_place().phase = SyncPhase::Over;
     }
 }
 
 impl Drop for SyncOp<'_> {
     #[inline]
     fn drop(&mut self) {
-        if matches!(self.phase, Phase::Listed | Phase::Completed) {
+        if matches!(self.phase, SyncPhase::Listed | SyncPhase::Completed) {
             self.drop_early();
         }
     }

@@ -1,7 +1,7 @@
 //! Passes a priority on: from the first waiter to the holder of a mutex, and from there to the
 //! holder of the mutex that this one waits for.
 
-use super::core::{Core, State};
+use super::core::{Core, LockState};
 use super::entry::Entry;
 use crate::guarded_wait_point::Locked;
 use crate::wait_point::Lists;
@@ -81,7 +81,7 @@ impl Core {
     }
 }
 
-impl<L: Lists> Locked<'_, State, L> {
+impl<L: Lists> Locked<'_, LockState, L> {
     /// Moves a listed entry to where its priority now belongs. O(1) if it stands there, else
     /// O(waiters of lower priority).
     ///

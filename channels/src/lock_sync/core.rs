@@ -6,12 +6,13 @@ use crate::guarded_wait_point::{GuardedWaitPoint, Locked};
 use crate::inspect::WaitPointKind;
 use crate::replay;
 use crate::wait_point::{LastUser, Lists};
+use core::marker::PhantomData;
 use luna_core::current::{self, Here, Inheritor, Priority, User};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitList;
 
 /// The free permits, and the holder's inheritor.
-pub(super) struct State {
+pub(super) struct LockState {
     pub(super) permits: u64,
     /// The holder of a mutex, boosted by the first waiter. None if it is a task of another runtime.
     pub(super) inheritor: Option<Inheritor>,
@@ -24,30 +25,46 @@ pub(super) struct State {
 /// All nodes in the [list of waiters](Locked::waiting) are entries. If there is a waiter, there are
 /// fewer permits than it wants, so a mutex with a waiter is held. The last user as a receiver is
 /// the holder of a mutex, or the last to take permits of a semaphore.
-pub(super) type Core = GuardedWaitPoint<State>;
+pub(super) type Core = GuardedWaitPoint<LockState>;
 
 /// That the caller has permits of a core: the guard or the permit is made of it. Dropped, they are
 /// lost.
+///
+/// # Invariants
+///
+/// A take of that core has succeeded, and no other hold was made of it. It is used for a guard of
+/// the same core; only a debug build knows which.
 #[must_use = "the permits are lost otherwise"]
 #[expect(
     unreachable_pub,
     reason = "the output of a public future's private trait names it"
 )]
-pub struct Hold<'a>(&'a Core);
+pub struct Hold<'a> {
+    #[cfg(debug_assertions)]
+    core: &'a Core,
+    of: PhantomData<&'a Core>,
+}
 
 impl<'a> Hold<'a> {
     /// # Safety
     ///
-    /// A take of this core has succeeded, and no hold was made of it.
+    /// As the invariants say.
     #[inline(always)]
     pub(super) unsafe fn new(core: &'a Core) -> Self {
-        Self(core)
+        let _ = core;
+        Self {
+            #[cfg(debug_assertions)]
+            core,
+            of: PhantomData,
+        }
     }
 
-    /// Whether they are permits of this core.
+    /// Its permits are those of this core.
     #[inline(always)]
-    pub(super) fn is_of(&self, core: &Core) -> bool {
-        core::ptr::eq(self.0, core)
+    pub(super) fn used_for(self, core: &Core) {
+        let _ = core;
+        #[cfg(debug_assertions)]
+        assert!(core::ptr::eq(self.core, core), "a hold of another core");
     }
 }
 
@@ -55,7 +72,7 @@ impl Core {
     /// A new one, for its first handle. Allocates.
     #[track_caller]
     pub(super) fn with_permits(kind: WaitPointKind, permits: u32) -> Shared<Core> {
-        let state = State {
+        let state = LockState {
             permits: u64::from(permits),
             inheritor: None,
         };
@@ -140,7 +157,7 @@ impl Core {
     }
 }
 
-impl<L: Lists> Locked<'_, State, L> {
+impl<L: Lists> Locked<'_, LockState, L> {
     /// Those that wait for permits, by priority: under this name in the lists of any wait point.
     #[inline(always)]
     pub(super) fn waiting(&mut self) -> &mut WaitList {

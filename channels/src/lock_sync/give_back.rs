@@ -1,7 +1,7 @@
 //! Giving permits back: the waiters get them, by priority.
 
 use super::chain::{self, Changed};
-use super::core::{Core, State};
+use super::core::{Core, LockState};
 use super::entry::Entry;
 use crate::finally::Finally;
 use crate::guarded_wait_point::Locked;
@@ -48,7 +48,7 @@ impl Core {
     #[inline(always)]
     fn give_back_under(
         &self,
-        mut locked: Locked<'_, State, impl Lists>,
+        mut locked: Locked<'_, LockState, impl Lists>,
         here: Here<'_>,
         count: u32,
     ) {
@@ -65,7 +65,7 @@ impl Core {
     }
 
     #[inline(never)]
-    fn serve_all(&self, locked: Locked<'_, State, impl Lists>, mut former: Option<Inheritor>) {
+    fn serve_all(&self, locked: Locked<'_, LockState, impl Lists>, mut former: Option<Inheritor>) {
         // After the next holder was woken, also if its waker panics.
         let _end_boost = Finally::new(|| chain::end_boost(former.take()));
         if self.serve_first(locked) {
@@ -80,7 +80,7 @@ impl Core {
 
     /// Serves the first waiter, if there are enough permits. Returns whether there are enough for
     /// the next one.
-    fn serve_first(&self, mut locked: Locked<'_, State, impl Lists>) -> bool {
+    fn serve_first(&self, mut locked: Locked<'_, LockState, impl Lists>) -> bool {
         let Some(node) = locked.first_to_serve() else {
             return false;
         };
@@ -124,7 +124,7 @@ impl Core {
     }
 }
 
-impl<L: Lists> Locked<'_, State, L> {
+impl<L: Lists> Locked<'_, LockState, L> {
     /// The first waiter, if there are enough permits for it.
     fn first_to_serve(&mut self) -> Option<NonNull<WaitNode>> {
         let node = self.waiting().first()?;

@@ -51,7 +51,7 @@ impl<'a, T> MutexGuard<'a, T> {
     /// Of the holder, which gives its hold away.
     #[inline]
     pub(super) fn new(mutex: &'a Mutex<T>, hold: Hold<'_>) -> Self {
-        assert!(hold.is_of(mutex.core()), "a hold of another mutex");
+        hold.used_for(mutex.core());
         Self {
             mutex,
             was_dying: is_dying(),

@@ -2,7 +2,7 @@
 //! after a wait at a condition.
 
 use super::chain;
-use super::core::{Core, Hold, State};
+use super::core::{Core, Hold, LockState};
 use super::entry::Entry;
 use super::error::{AcquireError, AcquireTimeoutError};
 use crate::guarded_wait_point::Locked;
@@ -23,14 +23,14 @@ use luna_core::deferred_free::Shared;
 use luna_core::replay_log::{Event, Turn};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Phase {
+pub(super) enum TakePhase {
     New,
     /// It has let others run, and takes the permits next.
     GaveWay,
     /// The entry is in a list, or was settled.
     Listed,
     /// It has its permits, and no entry.
-    Keeps,
+    Granted,
     /// Its permits, if it had any, belong to the caller.
     Over,
 }
@@ -43,7 +43,7 @@ pub(super) enum Phase {
 pub(super) struct Take<'a> {
     core: &'a Shared<Core>,
     entry: UnsafeCell<MaybeUninit<Entry>>,
-    pub(super) phase: Phase,
+    pub(super) phase: TakePhase,
     /// The thread itself takes them, so it may inherit, and waits at its priority.
     pub(super) of_thread: bool,
     pub(super) count: u32,
@@ -61,7 +61,7 @@ impl<'a> Take<'a> {
         Take {
             core,
             entry: UnsafeCell::new(MaybeUninit::uninit()),
-            phase: Phase::New,
+            phase: TakePhase::New,
             of_thread,
             count,
             _pinned: PhantomPinned,
@@ -83,7 +83,7 @@ impl<'a> Take<'a> {
     ///
     /// It is pinned and new.
     pub(super) unsafe fn begin(&mut self, inheritor: Option<Inheritor>) {
-        self.phase = Phase::Listed;
+        self.phase = TakePhase::Listed;
         // SAFETY: it is pinned and new, as is demanded here: so the entry is this future's alone,
         // and was not begun. It is ended with the future.
         unsafe { Entry::begin(self.entry(), self.core, self.count, inheritor) };
@@ -91,7 +91,7 @@ impl<'a> Take<'a> {
 
     /// Whether a listed entry was given its permits.
     pub(super) fn has_succeeded(&self) -> bool {
-        debug_assert_eq!(self.phase, Phase::Listed);
+        debug_assert_eq!(self.phase, TakePhase::Listed);
         // SAFETY: it was begun, and lies in this future.
         unsafe { Entry::outcome(self.entry()) == Outcome::Done }
     }
@@ -118,9 +118,9 @@ impl<'a> Take<'a> {
         turn: current::Turn<'_>,
     ) -> Poll<Result<Hold<'a>, AcquireError>> {
         let cx = &turn.context();
-        if turn.branch_failed() && self.phase != Phase::Over && !self.withdraw() {
-            if self.phase == Phase::New && crate::fails_later(cx) {
-                self.phase = Phase::GaveWay;
+        if turn.branch_failed() && self.phase != TakePhase::Over && !self.withdraw() {
+            if self.phase == TakePhase::New && crate::fails_later(cx) {
+                self.phase = TakePhase::GaveWay;
                 return Poll::Pending;
             }
             self.end();
@@ -129,20 +129,20 @@ impl<'a> Take<'a> {
         }
         let polled = match self.phase {
             // Lets others run before it holds what they could wait for.
-            Phase::New if turn.yields_after_operation() => {
-                self.phase = Phase::GaveWay;
+            TakePhase::New if turn.yields_after_operation() => {
+                self.phase = TakePhase::GaveWay;
                 return Poll::Pending;
             }
-            Phase::New | Phase::GaveWay => {
+            TakePhase::New | TakePhase::GaveWay => {
                 self.core().note_user(turn.here());
                 // Made without the lock.
                 let mut inheritor = self.core().inheritor(self.of_thread);
                 let locked = self.core().lock_in(turn.here());
                 self.take_under(locked, turn, || inheritor.take())
             }
-            Phase::Listed => self.poll_listed(cx),
-            Phase::Keeps => Poll::Ready(()),
-            Phase::Over => panic!("a lock or acquire was polled after it was over"),
+            TakePhase::Listed => self.poll_listed(cx),
+            TakePhase::Granted => Poll::Ready(()),
+            TakePhase::Over => panic!("a lock or acquire was polled after it was over"),
         };
         // SAFETY: it has succeeded; the phase says that its permits belong to the caller when this
         // is returned.
@@ -163,13 +163,13 @@ impl<'a> Take<'a> {
     #[inline(always)]
     fn take_under(
         &mut self,
-        mut locked: Locked<'_, State, impl Lists>,
+        mut locked: Locked<'_, LockState, impl Lists>,
         turn: current::Turn<'_>,
         holder: impl FnOnce() -> Option<Inheritor>,
     ) -> Poll<()> {
         let here = turn.here();
         if locked.take(here, self.count, || here.priority(), holder) {
-            self.phase = Phase::Keeps;
+            self.phase = TakePhase::Granted;
             return Poll::Ready(());
         }
         drop(locked);
@@ -185,7 +185,7 @@ impl<'a> Take<'a> {
         let polled = renewal.put(|renewal| {
             let mut locked = core.lock_in(here);
             if locked.take(here, self.count, || priority, || inheritor.take()) {
-                self.phase = Phase::Keeps;
+                self.phase = TakePhase::Granted;
                 return Poll::Ready(());
             }
             let Some(wake_handle) = renewal.take() else {
@@ -232,17 +232,17 @@ impl<'a> Take<'a> {
 
     /// Ends the entry, which is settled or in no list.
     pub(super) fn end(&mut self) {
-        if self.phase == Phase::Listed {
+        if self.phase == TakePhase::Listed {
             // SAFETY: it is this future's, was begun, and is in no list.
             unsafe { Entry::end(self.entry()) };
         }
-        self.phase = Phase::Over;
+        self.phase = TakePhase::Over;
     }
 
     /// Takes it back, if it waits; `true` if it has its permits.
     fn withdraw(&mut self) -> bool {
-        if self.phase != Phase::Listed {
-            return self.phase == Phase::Keeps;
+        if self.phase != TakePhase::Listed {
+            return self.phase == TakePhase::Granted;
         }
         let core = self.core();
         core.waits_no_more();
@@ -325,7 +325,7 @@ impl<'a> Future for Take<'a> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.in_place();
         let (core, turn) = (this.core(), current::Turn::of(cx));
-        if this.phase == Phase::New
+        if this.phase == TakePhase::New
             && let Some(plain) = turn.plain()
             && let Some(locked) = core.enter_in(turn.here())
             && plain.goes_on()
@@ -336,7 +336,7 @@ impl<'a> Future for Take<'a> {
             };
             let polled = this.take_under(locked, turn, holder);
             if polled.is_ready() {
-                this.phase = Phase::Over;
+                this.phase = TakePhase::Over;
             }
             // SAFETY: it has succeeded, and is over.
             return polled.map(|()| Ok(unsafe { this.hold() }));
@@ -348,8 +348,8 @@ impl<'a> Future for Take<'a> {
 impl Drop for Take<'_> {
     #[inline(always)]
     fn drop(&mut self) {
-        if self.phase != Phase::Over {
-            replay::abandon(self.phase == Phase::New);
+        if self.phase != TakePhase::Over {
+            replay::abandon(self.phase == TakePhase::New);
             self.cancel();
         }
     }
@@ -368,18 +368,18 @@ impl<'a> Logged for Take<'a> {
 
     fn stage(&self) -> Stage {
         match self.phase {
-            Phase::New => Stage::New,
+            TakePhase::New => Stage::New,
             // One that lets others run does so before it takes permits.
-            Phase::GaveWay | Phase::Listed => Stage::Waits,
-            Phase::Keeps => Stage::GaveWay,
-            Phase::Over => Stage::Over,
+            TakePhase::GaveWay | TakePhase::Listed => Stage::Waits,
+            TakePhase::Granted => Stage::GaveWay,
+            TakePhase::Over => Stage::Over,
         }
     }
 
     fn come(&mut self, turn: Turn, _: &mut Context<'_>) -> Poll<()> {
         if !self.core().has_owner() && matches!(turn, Turn::Given(event) if event.stamp != 0) {
             self.core().take_given(self.count);
-            self.phase = Phase::Keeps;
+            self.phase = TakePhase::Granted;
         }
         Poll::Ready(())
     }
@@ -399,7 +399,7 @@ impl<'a> Logged for Take<'a> {
 
     fn keep(&mut self, _: <Self as Logged>::Output) {
         self.end();
-        self.phase = Phase::Keeps;
+        self.phase = TakePhase::Granted;
     }
 
     fn fail(&mut self, _: u64) -> Poll<<Self as Logged>::Output> {
@@ -417,7 +417,7 @@ impl<'a> GiveUp for Take<'a> {
 
     /// It has not tried yet.
     fn lets_others_run(&self) -> bool {
-        self.phase == Phase::GaveWay
+        self.phase == TakePhase::GaveWay
     }
 
     fn give_up(self: Pin<&mut Self>) -> Self::Outcome {

@@ -6,7 +6,7 @@ use super::entry::{Cause, Entry};
 use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
-use super::take::{self, Phase, Take};
+use super::take::{self, Take, TakePhase};
 use crate::finally::Finally;
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
@@ -126,7 +126,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     /// At a deadline: it waits for the mutex alone from now on, unless it was notified before.
     pub(super) fn time_out(self: Pin<&mut Self>) {
         let this = self.in_place();
-        if this.take.phase != Phase::Listed {
+        if this.take.phase != TakePhase::Listed {
             // A replayed wait is listed nowhere.
             return;
         }
@@ -195,15 +195,15 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             return Poll::Pending;
         }
         match self.take.phase {
-            Phase::Listed if self.take.has_succeeded() => {}
-            Phase::Listed if has_failed => {
+            TakePhase::Listed if self.take.has_succeeded() => {}
+            TakePhase::Listed if has_failed => {
                 self.cancel();
                 current::stay_in_branch();
                 return Poll::Ready(Err(AcquireError));
             }
-            Phase::Listed => ready!(self.poll_listed(cx)),
-            Phase::Keeps => {}
-            Phase::New | Phase::GaveWay | Phase::Over => {
+            TakePhase::Listed => ready!(self.poll_listed(cx)),
+            TakePhase::Granted => {}
+            TakePhase::New | TakePhase::GaveWay | TakePhase::Over => {
                 panic!("a wait was polled after it was over")
             }
         }
@@ -233,7 +233,7 @@ impl<T> Drop for WaitOp<'_, '_, T> {
         if self.guard.is_some() {
             // Dropping the guard is all.
             self.take.end();
-        } else if self.take.phase == Phase::Listed {
+        } else if self.take.phase == TakePhase::Listed {
             self.cancel();
             replay::abandon(false);
         }
@@ -308,7 +308,7 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
     fn stage(&self) -> Stage {
         match self.take.phase {
             // It has not come back from unlocking.
-            Phase::GaveWay => Stage::New,
+            TakePhase::GaveWay => Stage::New,
             _ => self.take.stage(),
         }
     }
@@ -317,7 +317,7 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
         if replay::is_replayed()
             && let Some(guard) = self.guard.take()
         {
-            self.take.phase = Phase::GaveWay;
+            self.take.phase = TakePhase::GaveWay;
             guard.unlock();
         }
     }
@@ -334,7 +334,7 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
                     return replay::differs("another process holds the mutex");
                 }
                 self.has_timed_out = event.number == 1;
-                self.take.phase = Phase::Keeps;
+                self.take.phase = TakePhase::Granted;
                 Poll::Ready(())
             }
         }

@@ -79,7 +79,7 @@ unsafe fn free(process: NonNull<Process>) {
 /// Makes the calling model thread an executor's until it is dropped.
 struct Executor {
     executor: ExecutorId,
-    _entered: current::ExecutorGuard,
+    _entered: current::Cpu,
 }
 
 impl Executor {

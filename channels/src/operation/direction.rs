@@ -35,8 +35,6 @@ pub trait Direction<T>: Sized {
     const PLAIN: bool;
     /// Whether an operation that has waited, and is done, has its result at once.
     const PLAIN_WHEN_MET: bool = Self::PLAIN;
-    /// Whether it can be a guard on the fast path of an alternative.
-    const PLAIN_GUARD: bool = Self::PLAIN;
     /// Whether it waits for an answer while it is held. An alternative in a failed branch does not
     /// fail by it, and it does not stay held in one.
     const ANSWERED: bool = false;
@@ -71,11 +69,15 @@ pub trait Direction<T>: Sized {
         select_state: Option<(NonNull<SelectState>, u32)>,
     );
 
-    /// Takes the result of an operation that has communicated: `Done`, `Held` or `Answered`.
-    fn communicated<'a>(
-        operation: &mut Operation<'a, T, Self>,
-        outcome: Outcome,
-    ) -> Result<Self::Success<'a>, Self::Failure>;
+    /// Why an operation that has communicated, so, has failed all the same: only one that is
+    /// [answered](Self::ANSWERED) can.
+    #[inline(always)]
+    fn refused(_: &mut Operation<'_, T, Self>, _: Outcome) -> Option<Self::Failure> {
+        None
+    }
+
+    /// Takes the result of an operation that has communicated, and was not refused.
+    fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
 
     /// Takes the failure of an operation that has failed.
     fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;

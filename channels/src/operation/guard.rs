@@ -5,7 +5,7 @@ use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::core::Attempted;
 use crate::in_place::InPlace;
 use crate::select_state::SelectState;
-use crate::wait_point::WaitQueues;
+use crate::wait_point::{LastUser, WaitQueues};
 use crate::waiter::{Outcome, Waiter, Waits};
 use core::hint::cold_path;
 use core::pin::Pin;
@@ -19,7 +19,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
     #[inline(always)]
     fn terms(&self) -> Terms {
         Terms {
-            plain: D::PLAIN_GUARD.then(|| self.waiter().cast()),
+            plain: D::PLAIN.then(|| self.waiter().cast()),
             of_sender: D::SEND,
             can_fail: !D::ANSWERED,
             ..Terms::at(self.channel().wait_point(), &self.end.chosen)
@@ -67,6 +67,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         // drop withdraws it.
         unsafe {
             let here = Here::now();
+            lists.note_user(D::SEND, LastUser::of(here.user()));
             let select_state = Some((select_state, guard));
             D::begin(this.node_pointer(), (here, None).into_node(), select_state);
             let mut locked = this.channel().guard_of(lists, here);
@@ -176,7 +177,7 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {
-            Outcome::Done => this.done(),
+            Outcome::Done if !D::ANSWERED => Ok(this.done()),
             outcome => {
                 cold_path();
                 this.settled(outcome)

@@ -121,7 +121,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     }
 
     #[inline]
-    fn waiter(&self) -> NonNull<Waiter<T>> {
+    pub(crate) fn waiter(&self) -> NonNull<Waiter<T>> {
         // The waiter is the first field.
         self.node_pointer().cast()
     }
@@ -179,7 +179,10 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match outcome {
             Outcome::Done | Outcome::Held | Outcome::Answered => {
                 self.phase = Phase::Over;
-                D::communicated(self, outcome)
+                match D::refused(self, outcome) {
+                    None => Ok(D::succeeded(self)),
+                    Some(failure) => Err(failure),
+                }
             }
             Outcome::Broken => {
                 self.broken();
@@ -192,11 +195,11 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         }
     }
 
-    /// What an operation returns that is done.
+    /// What an operation returns that is done, and is not [answered](Direction::ANSWERED).
     #[inline(always)]
-    fn done(&mut self) -> Result<D::Success<'a>, D::Failure> {
+    fn done(&mut self) -> D::Success<'a> {
         self.phase = Phase::Over;
-        D::communicated(self, Outcome::Done)
+        D::succeeded(self)
     }
 
     /// The closure that was to make the value has panicked, here or on the other side: the channel
@@ -244,7 +247,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
             let met = unsafe { channel.meet_fast(D::SEND, this.waiter(), turn) };
             // One after the other: a jump table costs more than two compares.
             if met == FastPath::Done {
-                return Poll::Ready(this.done());
+                return Poll::Ready(Ok(this.done()));
             }
             if met == FastPath::Waits {
                 this.phase = Phase::Listed;
@@ -255,7 +258,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
         }
         if this.phase == Phase::Listed && D::PLAIN_WHEN_MET && this.outcome() == Outcome::Done {
             this.waits_no_more();
-            return Poll::Ready(this.done());
+            return Poll::Ready(Ok(this.done()));
         }
         cold_path();
         this.poll_slow_path(cx)

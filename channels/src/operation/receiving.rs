@@ -89,15 +89,12 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     }
 
     #[inline(always)]
-    fn communicated<'a>(
-        receive: &mut RecvOp<'a, T, M>,
-        _: Outcome,
-    ) -> Result<M::Received<'a>, RecvError> {
+    fn succeeded<'a>(receive: &mut RecvOp<'a, T, M>) -> M::Received<'a> {
         let ticket = receive.ticket();
         let note = take(&mut receive.node().direction.note);
         // SAFETY: a done receive holds its value, and no other thread knows the node any more.
         let value = unsafe { receive.take_value() };
-        Ok(M::received(receive.end, value, ticket, note))
+        M::received(receive.end, value, ticket, note)
     }
 
     fn failed(_: &mut RecvOp<'_, T, M>, poisoned: bool) -> RecvError {

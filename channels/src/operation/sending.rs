@@ -69,9 +69,7 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     }
 
     #[inline(always)]
-    fn communicated<'a>(_: &mut SendOp<'a, T, S>, _: Outcome) -> Result<(), Self::Failure> {
-        Ok(())
-    }
+    fn succeeded<'a>(_: &mut SendOp<'a, T, S>) {}
 
     fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
         SendError {

@@ -30,7 +30,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match self.phase {
             Phase::New => self.poll_new(cx),
             Phase::Listed | Phase::Logged => self.poll_listed(cx),
-            Phase::GaveWay => Poll::Ready(self.done()),
+            Phase::GaveWay => Poll::Ready(self.settled(Outcome::Done)),
             Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
                 if current::branch_failed() {
                     current::stay_in_branch();
@@ -339,7 +339,7 @@ impl<'a, T, D: GivesUp<T>> Operation<'a, T, D> {
         match attempted {
             Attempted::Done(ready) => {
                 ready.wake();
-                self.done().map_err(D::TimeoutFailure::from)
+                Ok(self.done())
             }
             Attempted::NotNow => {
                 self.phase = Phase::Over;

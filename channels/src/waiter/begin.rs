@@ -137,7 +137,6 @@ impl<T> Waiter<T> {
             WaitNode::wait_alone(&raw mut (*link).wait, turn);
             (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
             (&raw mut (*link).begun).write(Begun::Plainly);
-            (&raw mut (*link).ticket).write(0);
         }
     }
 
@@ -160,7 +159,6 @@ impl<T> Waiter<T> {
             let link = Self::link(node);
             (&raw mut (*link).outcome).write(AtomicU8::new(Outcome::Waiting as u8));
             (&raw mut (*link).begun).write(Begun::AsGuard);
-            (&raw mut (*link).ticket).write(0);
             (*link).select_state.write(Some((select_state, number)));
         }
     }

@@ -141,3 +141,23 @@ pub(crate) fn until_waiting(name: &str, count: usize) {
         std::thread::yield_now();
     }
 }
+
+/// Calls `f` while a process of this level is ready on this thread, which has no other: operations
+/// that complete at once let it run.
+pub(crate) fn beside_a_ready_process<R>(level: u8, f: impl FnOnce() -> R) -> R {
+    use luna_core::current::{self, ExecutorId, Methods, Process, ProcessId, QueueEnd};
+    use std::ptr::NonNull;
+
+    static METHODS: Methods = Methods::without_body(|_, _| {}, |_| {});
+    let process = Process::new(ProcessId::new(), ExecutorId::new(), 0, level);
+    let process = NonNull::from(&process);
+    // SAFETY: the process stays where it is, is never polled, and is taken out before it dies: it is
+    // the only one that is ready on this thread.
+    unsafe {
+        Process::set_methods(process, &METHODS);
+        process.as_ref().ready_at(level, QueueEnd::Back);
+        let result = f();
+        assert_eq!(current::next_ready(), Some(process));
+        result
+    }
+}

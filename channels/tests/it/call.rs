@@ -295,12 +295,10 @@ fn outranked(f: impl FnOnce()) {
     let _entered = current::enter_executor(executor_id, timers, false);
     let id = current::ProcessId::new();
     let process = current::Alone::new(id, 0, 0, std::task::Waker::noop().clone());
-    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready(Some(5)) };
-    // SAFETY: this thread is the executor of the process, and the process lives.
-    unsafe { current::with_process(&process, f) };
-    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready(None) };
+    crate::common::beside_a_ready_process(5, || {
+        // SAFETY: this thread is the executor of the process, and the process lives.
+        unsafe { current::with_process(&process, f) };
+    });
 }
 
 #[test]

@@ -2,9 +2,9 @@
 
 use super::facts::{command_line, config};
 use flate2::read::GzDecoder;
+use luna_machine::facts::parse::core_list;
 use luna_machine::facts::task::field;
 use luna_machine::facts::{ClockResolution, Source, Unread, UnreadReason, parse};
-use luna_platform::thread::core_list;
 use std::io::Read;
 
 /// The files of a machine, and which of its cores is to run real-time executors.

@@ -19,7 +19,7 @@ use diagnosis::Diagnosis;
 use facts::cpu_time::{CpuTime, cpu_time};
 use finding::Finding;
 use luna_machine::facts::Source;
-use luna_platform::thread::write_core_list;
+use luna_machine::facts::parse::write_core_list;
 use machine::Machine;
 use std::process::ExitCode;
 use std::time::Duration;

@@ -3,7 +3,7 @@
 #[cfg(not(loom))]
 mod running {
     use crate::biased_lock::{ALONE, BiasedLock};
-    use crate::current::{self, ExecutorGuard as Entered, ExecutorId, Here, PlainTurn};
+    use crate::current::{self, Cpu as Entered, ExecutorId, Here, PlainTurn};
     use crate::timer_queue::TimerQueue;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};

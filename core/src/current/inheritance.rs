@@ -142,7 +142,7 @@ impl Inheritance {
     /// whether the thread is an executor's; that succeeds once at most.
     #[cold]
     fn take_thread(&self) -> bool {
-        let Some(thread) = super::EXECUTOR_THREAD.with(|slot| slot.borrow().clone()) else {
+        let Some(thread) = super::cpu::executor_thread() else {
             return false;
         };
         // A second store would leak the first reference, and give `counts` another lock.

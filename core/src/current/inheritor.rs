@@ -76,7 +76,7 @@ impl Inheritor {
     #[inline]
     pub fn current_or_thread() -> Option<Inheritor> {
         Inheritor::current()
-            .or_else(|| super::this_thread().map(|thread| Inheritor::to(To::Thread(thread))))
+            .or_else(|| super::cpu::this_thread().map(|thread| Inheritor::to(To::Thread(thread))))
     }
 
     /// Takes it out to be dropped, unless it is that of a process of this thread, without a boost:

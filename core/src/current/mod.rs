@@ -8,8 +8,8 @@
 
 pub(crate) mod branch;
 mod branches;
+mod cpu;
 mod executor_thread;
-mod guest;
 pub(crate) mod inheritance;
 pub(crate) mod inheritor;
 mod poisoning;
@@ -24,14 +24,17 @@ pub use branch::{
     branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch_below,
 };
 pub use branches::Branches;
+#[cfg(not(loom))]
+pub(crate) use cpu::with_processes;
+pub use cpu::{Cpu, ask_look, enter_executor, timers};
+pub(crate) use cpu::{give_back_timers, has_no_deadline_within, has_other_timers};
 #[cfg(all(feature = "std", not(loom)))]
-pub use executor_thread::{RefusedBoosts, refused_boosts};
-pub use guest::Guest;
+pub use executor_thread::refused_boosts;
 pub use inheritor::Inheritor;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use ready::{
-    OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, pretend_ready, put_back,
-    ready_again, ready_levels, spend_operation, yield_if_outranked, yield_turn,
+    OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, put_back, ready_again,
+    ready_levels, spend_operation, yield_if_outranked, yield_turn,
 };
 pub use renewal::Renewal;
 pub use replay::{
@@ -51,24 +54,14 @@ pub use crate::process::{
 };
 pub(crate) use ready::{unqueue, with_queue};
 
-#[cfg(not(loom))]
-use crate::arc_cache::ArcCache;
 use crate::model_local::model_local;
 use crate::path;
 use crate::replay_log::ReplayLog;
-use crate::timer_queue::TimerQueue;
-use alloc::sync::Arc as StdArc;
 use branch::{Branch, lowered};
-use core::cell::{Cell, RefCell};
-use core::marker::PhantomData;
-#[cfg(not(loom))]
-use core::mem::ManuallyDrop;
+use core::cell::Cell;
 use core::ptr::NonNull;
 use core::task::Waker;
-use executor_thread::ExecutorThread;
-use luna_platform::inside::Inside;
 use luna_platform::on_drop::OnDrop;
-use luna_platform::sync::Arc;
 use run_queue::RunQueue;
 
 /// The state of a thread that runs processes.
@@ -111,71 +104,6 @@ model_local! {
             replay_log: Cell::new(None),
         }
     };
-    static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
-    static EXECUTOR_THREAD: RefCell<Option<StdArc<ExecutorThread>>> = const { RefCell::new(None) };
-    /// References to the thread's timers, kept from sleeps that have ended, as long as the thread
-    /// is an executor: so nothing is left to be dropped with the thread. A model counts each.
-    #[cfg(not(loom))]
-    static SPARE_TIMERS: ManuallyDrop<ArcCache<TimerQueue>> =
-        const { ManuallyDrop::new(ArcCache::new()) };
-}
-
-/// Marks this thread as the executor `executor_id` with its `timers` until the guard is dropped.
-/// `may_block`: its processes may make blocking calls, since it runs a single one.
-///
-/// # Panics
-///
-/// Panics if another thread is this executor: operations without atomics rely on there being one.
-/// Panics if the thread is an executor already: a process must not run a system or an executor
-/// inside itself, since that would block its own. Check [`executor_id`] first if that depends on
-/// the caller.
-pub fn enter_executor(
-    executor_id: ExecutorId,
-    timers: Arc<TimerQueue>,
-    may_block: bool,
-) -> ExecutorGuard {
-    assert!(
-        self::executor_id().is_none(),
-        "this thread runs processes already"
-    );
-    entered::enter(executor_id);
-    luna_platform::fence::prepare();
-    THREAD.with(|thread| {
-        thread.executor_id.set(Some(executor_id));
-        thread.thread_id.set(Inside::id_of_this_thread());
-        thread.may_block.set(may_block);
-    });
-    set_timers(timers);
-    // The boosts of a plain thread count while it is an executor too: two records of one thread
-    // would each restore what the other had set.
-    let thread = match executor_thread::known_plain() {
-        Some(plain) => {
-            plain.refresh();
-            plain
-        }
-        None => ExecutorThread::new(),
-    };
-    EXECUTOR_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
-    ExecutorGuard {
-        executor_id,
-        stays_on_its_thread: PhantomData,
-    }
-}
-
-/// Ends what [`enter_executor`] began: on the same thread, so it is not `Send`.
-///
-/// ```compile_fail,E0277
-/// fn can_be_sent(_: impl Send) {}
-/// use luna_core::{current, timer_queue::TimerQueue};
-/// use luna_platform::sync::Arc;
-/// let (executor, timers) = (current::ExecutorId::new(), Arc::new(TimerQueue::new()));
-/// can_be_sent(current::enter_executor(executor, timers, false));
-/// ```
-#[derive(Debug)]
-#[must_use = "the thread stops being an executor when the guard is dropped"]
-pub struct ExecutorGuard {
-    executor_id: ExecutorId,
-    stays_on_its_thread: PhantomData<*const ()>,
 }
 
 /// The state of the calling thread. It does not leave the thread: it is not `Sync`.
@@ -218,56 +146,6 @@ pub(crate) fn not_plain(process: &Process) {
     }
 }
 
-impl Drop for ExecutorGuard {
-    fn drop(&mut self) {
-        THREAD.with(|thread| {
-            thread.executor_id.set(None);
-            thread.may_block.set(true);
-            thread.queue.clear();
-        });
-        set_on_path(false);
-        take_timers();
-        if let Some(thread) = EXECUTOR_THREAD.with(|slot| slot.borrow_mut().take())
-            && !thread.is_plain()
-        {
-            thread.leave();
-        }
-        entered::leave(self.executor_id);
-    }
-}
-
-/// The executors that threads are now.
-#[cfg(not(loom))]
-mod entered {
-    use super::ExecutorId;
-    use alloc::vec::Vec;
-    use luna_platform::lock::PiLock;
-
-    static ENTERED: PiLock<Vec<ExecutorId>> = PiLock::new(Vec::new());
-
-    pub(super) fn enter(executor_id: ExecutorId) {
-        let mut entered = ENTERED.lock();
-        let is_free = !entered.contains(&executor_id);
-        if is_free {
-            entered.push(executor_id);
-        }
-        drop(entered);
-        assert!(is_free, "another thread is this executor");
-    }
-
-    pub(super) fn leave(executor_id: ExecutorId) {
-        ENTERED.lock().retain(|&other| other != executor_id);
-    }
-}
-
-/// A model runs many times, with an executor of its own each time.
-#[cfg(loom)]
-mod entered {
-    pub(super) fn enter(_: super::ExecutorId) {}
-
-    pub(super) fn leave(_: super::ExecutorId) {}
-}
-
 /// The executor of this thread, if it runs processes.
 #[inline]
 pub fn executor_id() -> Option<ExecutorId> {
@@ -284,84 +162,9 @@ pub(crate) fn executor_number() -> u64 {
     THREAD.with(|thread| thread.executor_id.get().map_or(0, ExecutorId::number))
 }
 
-/// The calling thread, with its own boosts: as an executor's, or as a plain one. None while it
-/// ends, and in a model.
-fn this_thread() -> Option<StdArc<ExecutorThread>> {
-    #[cfg(not(loom))]
-    return EXECUTOR_THREAD
-        .try_with(|slot| slot.borrow().clone())
-        .ok()?
-        .or_else(executor_thread::plain);
-    #[cfg(loom)]
-    None
-}
-
 /// Whether a blocking call on this thread delays no other process: not on an executor's thread.
 pub fn may_block() -> bool {
     THREAD.with(|thread| thread.may_block.get())
-}
-
-fn set_timers(timers: Arc<TimerQueue>) {
-    #[cfg(not(loom))]
-    SPARE_TIMERS.with(|spare| spare.keep(&timers));
-    TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
-}
-
-fn take_timers() -> Option<Arc<TimerQueue>> {
-    #[cfg(not(loom))]
-    SPARE_TIMERS.with(|spare| spare.release());
-    TIMERS.with(|slot| slot.borrow_mut().take())
-}
-
-/// The timers of this thread, if it runs processes.
-#[inline]
-pub fn timers() -> Option<Arc<TimerQueue>> {
-    #[cfg(not(loom))]
-    if let Some(timers) = SPARE_TIMERS.with(|spare| spare.kept()) {
-        return Some(timers);
-    }
-    TIMERS.with(|slot| slot.borrow().clone())
-}
-
-/// Returns a reference of [`timers`] that is not needed any more.
-#[inline]
-pub(crate) fn give_back_timers(timers: Arc<TimerQueue>) {
-    #[cfg(not(loom))]
-    SPARE_TIMERS.with(move |spare| spare.give_back(timers));
-    #[cfg(loom)]
-    drop(timers);
-}
-
-/// Makes this thread's executor read the clock before its next poll.
-pub fn ask_look() {
-    TIMERS.with(|slot| {
-        if let Some(timers) = &*slot.borrow() {
-            timers.ask_look();
-        }
-    });
-}
-
-/// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is
-/// any deadline.
-pub(crate) fn has_no_deadline_within(time: core::time::Duration) -> bool {
-    let next = TIMERS.with(|slot| slot.borrow().as_ref().map(|timers| timers.next_deadline()));
-    let next = next.unwrap_or(luna_platform::clock::Instant::NEVER);
-    next == luna_platform::clock::Instant::NEVER
-        || luna_platform::clock::Instant::now() + time < next
-}
-
-/// Whether this thread runs processes and its timers are other ones than `timers`.
-#[inline]
-pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
-    #[cfg(not(loom))]
-    if SPARE_TIMERS.with(|spare| spare.keeps(timers)) {
-        return false;
-    }
-    TIMERS.with(|slot| {
-        slot.borrow()
-            .as_ref()
-            .is_some_and(|own| !Arc::ptr_eq(own, timers))
-    })
 }
 
 /// Calls `f`, which drops a process' body, or a branch of it, before its end: it was cancelled, a

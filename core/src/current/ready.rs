@@ -17,20 +17,6 @@ pub fn ready_levels() -> u32 {
     with_queue(RunQueue::bits)
 }
 
-/// Pretends, on a thread that is no executor's, that a process is ready at this level, or that none
-/// is ready: for tests.
-///
-/// # Safety
-///
-/// No process is in this thread's run queue. What [`next_ready`] returns at this level is not used.
-#[doc(hidden)]
-pub unsafe fn pretend_ready(level: Option<u8>) {
-    with_queue(|queue| match level {
-        Some(level) => queue.pretend(level),
-        None => queue.clear(),
-    });
-}
-
 /// Pops the next process of this thread's run queue. The process was readied by
 /// [`Process::ready_at`] or a wake handle, and is live until it has ended.
 ///

@@ -5,7 +5,6 @@
 //! a few stores, without an opaque call.
 
 use super::LEVELS;
-use alloc::boxed::Box;
 use core::cell::Cell;
 use core::ptr::NonNull;
 
@@ -80,21 +79,6 @@ impl RunQueue {
         // SAFETY: by the invariant the process in the slot is live, and no other one is queued
         // above it.
         next.is_some_and(|next| unsafe { next.as_ref() }.level.get() > level)
-    }
-
-    /// Forgets the ready processes.
-    pub(crate) fn clear(&self) {
-        self.slot.set(None);
-        self.bits.set(0);
-    }
-
-    /// Forgets the ready processes, and queues a link at this level that belongs to none. For
-    /// tests: it leaks the link.
-    pub(crate) fn pretend(&self, level: u8) {
-        self.clear();
-        let link = Box::leak(Box::new(Link::new()));
-        link.level.set(level);
-        self.slot.set(Some(NonNull::from(link)));
     }
 
     /// Takes over the contents of `other`, which is empty from then on. O(1); a few stores if it is

@@ -1,6 +1,8 @@
 //! Branches below their process.
 
 use super::*;
+use crate::timer_queue::TimerQueue;
+use luna_platform::sync::Arc;
 use std::task::{Context, Wake, Waker};
 
 static METHODS: Methods =
@@ -71,11 +73,19 @@ fn readied() -> u8 {
     level as u8
 }
 
-/// Pretends that this level is ready.
+/// Makes this level ready, and none else, or none.
 fn pretend(level: Option<u8>) {
-    // SAFETY: nothing is queued when a test calls it. The tests do not use the link that they take
-    // at this level.
-    unsafe { pretend_ready(level) };
+    // SAFETY: what is taken out is used no more. The new process is leaked, and never polled.
+    unsafe {
+        while next_ready().is_some() {}
+        if let Some(level) = level {
+            let executor_id = executor_id().expect("this thread is an executor's");
+            let other = Process::new(ProcessId::new(), executor_id, 0, level);
+            let other = NonNull::from(Box::leak(Box::new(other)));
+            Process::set_methods(other, &METHODS);
+            other.as_ref().ready_at(level, QueueEnd::Back);
+        }
+    }
 }
 
 /// Calls `f` within a process of this level.

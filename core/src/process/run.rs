@@ -2,7 +2,7 @@
 
 use super::end::Abandoned;
 use super::{AfterTurn, Notice, Process, ProcessRef, QueueEnd};
-use crate::current;
+use crate::current::{self, with_processes};
 use crate::events;
 use crate::executor::Shared;
 use crate::interference;
@@ -10,16 +10,10 @@ use crate::remote_wakes::RemoteWakes;
 use alloc::borrow::ToOwned;
 use alloc::boxed::Box;
 use alloc::vec::Vec;
-use core::cell::RefCell;
 use core::mem;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
 use luna_platform::panics::{catch_unwind, resume};
-
-luna_platform::local! {
-    /// The processes of this thread's executor that are built and have not ended.
-    static OWN: RefCell<Processes> = const { RefCell::new(Processes::new()) };
-}
 
 /// The processes of an executor that are built and have not ended, found by their wake slots.
 ///
@@ -36,22 +30,16 @@ impl Processes {
     pub(crate) fn count(&self) -> usize {
         self.0.count()
     }
-
-    /// Makes these processes the thread's, and keeps the former ones here: called before a turn and
-    /// after it, where several executors share a thread.
-    pub(crate) fn exchange(&mut self) {
-        OWN.with_borrow_mut(|own| mem::swap(own, self));
-    }
 }
 
 /// How many processes this thread's executor has.
 pub(crate) fn count() -> usize {
-    OWN.with_borrow(Processes::count)
+    with_processes(|own| own.count())
 }
 
 /// The processes of this thread's executor. Allocates.
 pub(crate) fn records() -> Vec<ProcessRef> {
-    OWN.with_borrow(|own| {
+    with_processes(|own| {
         let members = own.0.members();
         // SAFETY: by the invariant they are live.
         let processes = members.map(|process| ProcessRef::to(unsafe { process.as_ref() }));
@@ -61,7 +49,7 @@ pub(crate) fn records() -> Vec<ProcessRef> {
 
 /// Queues the processes that other threads have woken at `level`. O(their number).
 pub(crate) fn queue_woken(shared: &Shared, level: u8) {
-    OWN.with_borrow(|own| {
+    with_processes(|own| {
         shared.inbound.take(level, &own.0, |process| {
             // SAFETY: by the invariant it is live, and this is its executor's thread.
             unsafe {
@@ -101,7 +89,7 @@ pub(super) unsafe fn start(process: NonNull<Process>) {
         // SAFETY: this is its executor's thread, and it was not readied yet.
         unsafe { this.set_traced() };
     }
-    let slot = OWN.with_borrow_mut(|own| own.0.enter(process));
+    let slot = with_processes(|own| own.0.enter(process));
     {
         let _shown = this.record.shown.lock();
         // It is built once.
@@ -262,7 +250,7 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
 /// meanwhile. O(processes), and what the drops take. Allocates.
 pub(crate) fn end_all(why: &str) {
     let mut number = 0;
-    while let Some(process) = OWN.with_borrow(|own| own.0.next(&mut number)) {
+    while let Some(process) = with_processes(|own| own.0.next(&mut number)) {
         // SAFETY: by the invariant it is live and has not ended. This is its executor's thread, where
         // no process has a turn: so nothing else accesses the body.
         unsafe {
@@ -299,7 +287,7 @@ unsafe fn leave(process: NonNull<Process>) {
         debug_assert!(this.has_ended());
         current::unqueue(this);
         if let Some(slot) = this.record.slot.get() {
-            OWN.with_borrow_mut(|own| own.0.leave(slot.number()));
+            with_processes(|own| own.0.leave(slot.number()));
         }
         this.report();
         Process::end(process);

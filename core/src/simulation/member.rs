@@ -1,9 +1,9 @@
 //! One executor of a simulation.
 
-use crate::current::{self, Guest};
+use crate::current::{self, Cpu};
 use crate::events;
 use crate::executor::{Phase, Shared};
-use crate::process::{self, Enrolled, Processes, turns};
+use crate::process::{self, Enrolled, turns};
 use crate::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
 use std::any::Any;
@@ -17,8 +17,7 @@ const TURNS: u64 = 256;
 pub(super) struct Member {
     pub(super) shared: Arc<Shared>,
     timers: Arc<TimerQueue>,
-    guest: Guest,
-    processes: Processes,
+    cpu: Cpu,
     events: events::Kept,
     /// Whether its name was recorded.
     is_named: bool,
@@ -47,11 +46,10 @@ impl Member {
         let timers = Arc::new(TimerQueue::new());
         let enrolled = shared.registry.enroll(shared.executor_id, shared.clone());
         Self {
-            guest: Guest::new(shared.executor_id, timers.clone()),
+            cpu: Cpu::sharing(shared.executor_id, timers.clone()),
             timers,
             _end: End(shared.clone()),
             shared,
-            processes: Processes::new(),
             events: events::Kept::default(),
             is_named: false,
             rests: false,
@@ -79,7 +77,7 @@ impl Member {
         self.shared.inbound.is_signalled()
             || released
                 && self.is_running()
-                && (self.guest.ready_levels() != 0 || self.next_deadline() <= now)
+                && (self.cpu.ready_levels() != 0 || self.next_deadline() <= now)
     }
 
     #[inline]
@@ -93,15 +91,13 @@ impl Member {
     }
 
     fn enter(&mut self) {
-        self.guest.enter();
-        self.processes.exchange();
+        self.cpu.enter();
         self.events.exchange();
     }
 
     fn leave(&mut self) {
         self.events.exchange();
-        self.processes.exchange();
-        self.guest.leave();
+        self.cpu.leave();
     }
 
     /// Polls its processes until none is ready, its turns are up, `most` have been taken, or
@@ -217,7 +213,7 @@ impl Member {
             }
             self.leave();
         }
-        self.processes.count() == 0
+        self.cpu.process_count() == 0
     }
 
     pub(super) fn is_closed(&self) -> bool {

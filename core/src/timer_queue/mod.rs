@@ -15,7 +15,7 @@ use alloc::string::String;
 pub use shared::{Deadline, Due};
 
 use crate::biased_lock::BiasedLock;
-use crate::current::{self, PendingWake, Renewal, WakeHandle};
+use crate::current::{self, PendingWake, Priority, Renewal, WakeHandle};
 use crate::events;
 use core::cell::UnsafeCell;
 use core::future::Future;
@@ -181,21 +181,40 @@ impl TimerQueue {
         Some(withdrawn)
     }
 
-    /// Adds a wait, and notifies the owner, this thread, if it has to be.
+    /// Adds a deadline, with a wait of the current process or with a number, and notifies the owner
+    /// if it has to be. Returns whether it did: not if the queue is closed.
     ///
     /// # Safety
     ///
     /// As for [`Heap::insert`]: `node` is room for a node, and none in a heap; it stays where it
     /// is, and the node is removed before it is freed.
     #[inline]
-    unsafe fn arm(&self, node: NonNull<Node>, deadline: Instant, wake_handle: WakeHandle) {
+    unsafe fn arm(
+        &self,
+        node: NonNull<Node>,
+        deadline: Instant,
+        wake_handle: Option<WakeHandle>,
+        number: u32,
+    ) -> bool {
+        // The owner of its own deadlines wakes them as they come, whatever their priority.
+        let priority = match self.is_shared && wake_handle.is_some() {
+            true => current::priority(),
+            false => Priority::default(),
+        };
         let mut heap = self.heap.lock();
+        if self.is_closed() {
+            drop(heap);
+            // User code, behind the lock.
+            drop(wake_handle);
+            return false;
+        }
         // SAFETY: the caller promises what `insert` requires: `node` is room for a node that is in
         // no heap; it stays where it is, and the node is removed before it is freed.
-        unsafe { heap.insert(node, deadline, Some(wake_handle), Label::default()) };
+        unsafe { heap.insert(node, deadline, wake_handle, Label { number, priority }) };
         self.publish_next(&heap);
-        drop(heap);
+        // Under the lock, so that of two threads the one with the earlier deadline comes last.
         self.announce(deadline);
+        true
     }
 
     /// Whether it belongs to another thread than the calling one, whose deadlines are its own.
@@ -421,15 +440,7 @@ impl Sleep {
             let wake_handle = WakeHandle::of(cx);
             // SAFETY: there is no node in a heap, so only this sleep uses the room for it; it is
             // pinned, and the node leaves the heap before it is freed.
-            this.armed = unsafe {
-                match queue.is_shared {
-                    false => {
-                        queue.arm(this.node(), this.deadline, wake_handle);
-                        true
-                    }
-                    true => queue.arm_shared(this.node(), this.deadline, wake_handle),
-                }
-            };
+            this.armed = unsafe { queue.arm(this.node(), this.deadline, Some(wake_handle), 0) };
             if !this.armed {
                 return Poll::Ready(());
             }

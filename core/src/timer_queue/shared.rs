@@ -1,8 +1,8 @@
 //! A queue in which any thread arms, and whose owner wakes what is due in order of priority.
 
-use super::heap::{Heap, Label, Node};
+use super::heap::{Heap, Node};
 use super::{Arc, DeadlineListener, Ordering, TimerQueue};
-use crate::current::{self, PendingWake, Priority, WakeHandle};
+use crate::current::{PendingWake, Priority};
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 use core::cell::UnsafeCell;
@@ -76,58 +76,6 @@ impl TimerQueue {
         }
         self.publish_next(&heap);
         !is_due(&heap)
-    }
-
-    /// Adds a wait of the current process, unless the queue is closed. Returns whether it did.
-    ///
-    /// # Safety
-    ///
-    /// As for [`Heap::insert`]: `node` is room for a node, and none in a heap; it stays where it
-    /// is, and the node is removed before it is freed.
-    #[inline(never)]
-    pub(super) unsafe fn arm_shared(
-        &self,
-        node: NonNull<Node>,
-        deadline: Instant,
-        wake_handle: WakeHandle,
-    ) -> bool {
-        let label = Label {
-            priority: current::priority(),
-            ..Label::default()
-        };
-        let mut heap = self.heap.lock();
-        if self.is_closed() {
-            drop(heap);
-            // User code, behind the lock.
-            drop(wake_handle);
-            return false;
-        }
-        // SAFETY: the caller promises that `node` is room for a node that is in no heap, stays
-        // where it is, and is removed before it is freed; `heap` is this queue's, just locked.
-        unsafe { self.add(&mut heap, node, deadline, Some(wake_handle), label) };
-        true
-    }
-
-    /// Adds a node, and notifies the owner if it has to be.
-    ///
-    /// # Safety
-    ///
-    /// As for [`Heap::insert`]: `node` is room for a node, and none in a heap; it stays where it
-    /// is, and the node is removed before it is freed. `heap` is this queue's.
-    unsafe fn add(
-        &self,
-        heap: &mut Heap,
-        node: NonNull<Node>,
-        deadline: Instant,
-        wake_handle: Option<WakeHandle>,
-        label: Label,
-    ) {
-        // SAFETY: the caller promises what `insert` requires: `node` is room for a node that is in
-        // no heap; it stays where it is, and the node is removed before it is freed.
-        unsafe { heap.insert(node, deadline, wake_handle, label) };
-        self.publish_next(heap);
-        // Under the lock, so that of two threads the one with the earlier deadline comes last.
-        self.announce(deadline);
     }
 
     /// The owner goes to sleep: it is notified of the next deadline, and of each earlier one from
@@ -205,20 +153,10 @@ impl Deadline {
     /// call of the owner's.
     pub fn arm(&mut self, queue: &Arc<TimerQueue>, number: u32, at: Instant) {
         self.disarm();
-        let node = self.node();
-        let mut heap = queue.heap.lock();
-        if queue.is_closed() {
-            return;
-        }
-        let label = Label {
-            number,
-            priority: Priority::default(),
-        };
         // SAFETY: no node is in a heap by `disarm`; the box stays where it is, and the node is
         // removed before it is freed.
-        unsafe { queue.add(&mut heap, node, at, None, label) };
-        drop(heap);
-        self.queue = Some(queue.clone());
+        let is_armed = unsafe { queue.arm(self.node(), at, None, number) };
+        self.queue = is_armed.then(|| queue.clone());
     }
 
     /// Disarms it; returns whether it was armed, and has not been taken as due. O(log n).

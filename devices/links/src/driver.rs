@@ -266,7 +266,7 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver
             move |()| work.run(&counts, late_after),
         )
         .map_err(Error::other)?;
-        for shortfall in &thread.obtained().shortfalls {
+        for shortfall in &thread.obtained().refusals {
             notice(format_args!("the driver of `{}`: {shortfall}", self.name));
         }
         self.thread = Some(thread);

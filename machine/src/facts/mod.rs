@@ -3,10 +3,11 @@
 //! Every fact may be missing: another system, a container that hides a file, a user without
 //! permission to read it. Nothing here fails.
 
-pub use luna_platform::facts::{control_group, task};
+pub mod control_group;
 pub mod parse;
 mod share;
 mod source;
+pub mod task;
 
 pub use share::RealTimeShare;
 pub use source::{Source, Unread, UnreadReason};

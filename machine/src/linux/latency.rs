@@ -1,6 +1,6 @@
 //! The kernel keeps the wish as long as the file is open.
 
-use luna_platform::shortfall::LatencyRefusal;
+use crate::shortfall::LatencyRefusal;
 use nix::libc;
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Write};

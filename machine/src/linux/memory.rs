@@ -1,7 +1,7 @@
 //! Locked memory: `mlockall`, where it keeps working.
 
-use crate::facts::task::{CAP_IPC_LOCK, is_first_user_namespace};
-use luna_platform::shortfall::MemoryRefusal;
+use crate::facts::task::CAP_IPC_LOCK;
+use crate::shortfall::{MemoryRefusal, in_a_user_namespace};
 use luna_platform::thread::has_capability;
 use nix::errno::Errno;
 use nix::libc;
@@ -9,7 +9,6 @@ use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use nix::sys::uio::{RemoteIoVec, process_vm_readv};
 use nix::unistd::Pid;
-use std::fs;
 use std::io::IoSliceMut;
 
 /// Locks all pages, those to come too.
@@ -18,9 +17,7 @@ pub(crate) fn lock() -> Result<(), MemoryRefusal> {
         .ok()
         .map(|(soft, _)| soft);
     // A capability in a user namespace does not lift the limit.
-    let in_a_namespace =
-        fs::read_to_string("/proc/self/uid_map").is_ok_and(|map| !is_first_user_namespace(&map));
-    let capable = !in_a_namespace && has_capability(CAP_IPC_LOCK) == Some(true);
+    let capable = has_capability(CAP_IPC_LOCK) == Some(true) && !in_a_user_namespace();
     if !capable && limit != Some(RLIM_INFINITY) {
         return Err(MemoryRefusal::Limited { limit });
     }

@@ -1,6 +1,6 @@
 //! No other system has the device.
 
-use luna_platform::shortfall::LatencyRefusal;
+use crate::shortfall::LatencyRefusal;
 
 /// Nothing is ever held.
 pub(crate) type Held = std::convert::Infallible;

@@ -1,6 +1,6 @@
 //! The standard library cannot lock memory.
 
-use luna_platform::shortfall::MemoryRefusal;
+use crate::shortfall::MemoryRefusal;
 
 pub(crate) fn lock() -> Result<(), MemoryRefusal> {
     Err(MemoryRefusal::Unsupported)

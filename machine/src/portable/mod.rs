@@ -12,4 +12,5 @@ pub(crate) mod signals;
 pub(crate) mod socket;
 pub(crate) mod steal;
 pub(crate) mod tai;
+pub(crate) mod threads;
 pub(crate) mod usage;

@@ -4,4 +4,5 @@
 #[macro_use]
 mod shared;
 
+mod deadline;
 mod memory_and_latency;

@@ -5,7 +5,7 @@
 
 use luna_machine::latency::DmaLatency;
 use luna_machine::memory::{lock_memory, prefault_heap};
-use luna_platform::shortfall::Shortfall;
+use luna_machine::shortfall::Shortfall;
 
 #[test]
 fn a_latency_is_held_or_a_shortfall() {

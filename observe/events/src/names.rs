@@ -3,7 +3,7 @@
 use crate::ring::{Reader, Writer, ring_of};
 use luna_core::current;
 use luna_core::events::{self, Kind, Listening, place};
-use luna_platform::clock::Counter;
+use luna_machine::counter::Counter;
 use luna_platform::lock::PiLock;
 use std::collections::LinkedList;
 use std::sync::atomic::{AtomicU64, Ordering};

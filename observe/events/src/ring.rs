@@ -3,7 +3,7 @@
 #[cfg(not(loom))]
 use luna_core::events::Trace;
 #[cfg(not(loom))]
-use luna_platform::clock::Counter;
+use luna_machine::counter::Counter;
 use luna_platform::clock::Instant;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use luna_platform::sync::{Arc, UnsafeCell};

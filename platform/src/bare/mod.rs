@@ -29,15 +29,10 @@ mod context;
 mod critical;
 mod port;
 
-pub mod alarm;
 #[path = "../portable/boost.rs"]
 pub mod boost;
-pub(crate) mod clock;
-pub mod fence;
 pub(crate) mod futex;
-pub mod inside;
 pub mod lock;
-mod once;
 
 #[cfg(any(not(target_has_atomic = "64"), debug_assertions))]
 pub use atomic::{AtomicI64, AtomicU64};
@@ -46,3 +41,207 @@ pub use context::CONTEXTS;
 pub use context::{AccessError, Local, NESTED_INTERRUPTS, interrupt, is_interrupt};
 pub use once::OnceLock;
 pub use port::{Port, install};
+
+pub mod alarm {
+    //! A port has no other thread that could ring.
+
+    use crate::clock::Instant;
+    use core::convert::Infallible;
+
+    /// The alarm of a thread. There is none: [`new`](Self::new) gives nothing.
+    #[derive(Debug)]
+    pub struct Alarm {
+        never: Infallible,
+    }
+
+    impl Alarm {
+        /// Gives nothing.
+        pub fn new(_ring: impl Fn() + Send + Sync + 'static) -> Option<Alarm> {
+            None
+        }
+
+        /// There is none to be armed.
+        pub fn arm(&self, _deadline: Instant) {
+            match self.never {}
+        }
+
+        /// There is none to be disarmed.
+        pub fn disarm(&self) {
+            match self.never {}
+        }
+
+        /// There is none to be asked.
+        pub fn take_rung(&self) -> Option<Instant> {
+            match self.never {}
+        }
+    }
+}
+
+pub(crate) mod clock {
+    //! The port's clock.
+
+    use super::port::port;
+
+    /// Nanoseconds on the port's clock.
+    #[inline]
+    pub(crate) fn monotonic_nanos() -> u64 {
+        port().now()
+    }
+}
+
+pub mod fence {
+    //! The fences of biased locks: the contexts of one CPU see its stores in their order, so only the
+    //! compiler is kept from changing it.
+
+    use core::sync::atomic::{Ordering, compiler_fence};
+
+    /// Asks for the heavy fence, once for the program.
+    pub fn prepare() {}
+
+    /// Whether the heavy fence can be had.
+    #[inline(always)]
+    pub fn is_available() -> bool {
+        true
+    }
+
+    /// Orders what this context does for one that calls [`heavy`].
+    #[inline(always)]
+    pub fn light() {
+        compiler_fence(Ordering::SeqCst);
+    }
+
+    /// A full fence for all contexts.
+    #[inline]
+    pub fn heavy() {
+        compiler_fence(Ordering::SeqCst);
+    }
+}
+
+pub mod inside {
+    //! Whether the owner of a bias is inside a lock: then no interrupt comes.
+    //!
+    //! So a context that revokes a bias never finds the owner inside, and never waits for it. What the
+    //! bias saves is the way through the shared lock.
+
+    use super::critical;
+    use core::sync::atomic::{AtomicBool, Ordering};
+
+    /// The word of a biased lock that says whether its owner is inside.
+    #[derive(Debug)]
+    pub struct Inside(AtomicBool);
+
+    impl Inside {
+        /// Not entered.
+        pub const fn new() -> Self {
+            Self(AtomicBool::new(false))
+        }
+
+        /// Whether the owner is inside; asked by its own context, or in a critical section.
+        #[inline(always)]
+        pub fn is_entered(&self) -> bool {
+            self.0.load(Ordering::Relaxed)
+        }
+
+        /// The owner enters.
+        ///
+        /// # Safety
+        ///
+        /// The calling context is not inside.
+        #[inline(always)]
+        pub unsafe fn enter_unchecked(&self, _: u32) {
+            critical::enter();
+            self.0.store(true, Ordering::Relaxed);
+        }
+
+        /// What the calling context writes when it enters: nothing that differs.
+        pub fn id_of_this_thread() -> u32 {
+            0
+        }
+
+        /// Panics if this context is inside: no other one runs while the owner is.
+        #[inline]
+        pub fn assert_not_here(&self) {
+            assert!(!self.is_entered(), "this context holds the lock already");
+        }
+
+        /// The owner leaves.
+        #[inline(always)]
+        pub fn leave(&self) {
+            self.0.store(false, Ordering::Relaxed);
+            // SAFETY: the owner has entered, and leaves once: that is how the lock uses this.
+            unsafe { critical::leave() };
+        }
+
+        /// The owner has left, and the bias was revoked meanwhile: nothing waits for it.
+        #[inline]
+        pub fn leave_revoked(&self) {}
+
+        /// The owner is outside, since the calling context runs.
+        #[inline]
+        pub fn wait_until_left(&self) {
+            self.assert_not_here();
+        }
+    }
+}
+
+mod once {
+    //! A value that is set once, with the names of `std::sync::OnceLock`.
+
+    use core::cell::UnsafeCell;
+    use core::fmt;
+    use core::sync::atomic::{AtomicBool, Ordering};
+
+    /// A value that is set once, from any context.
+    pub struct OnceLock<T> {
+        is_set: AtomicBool,
+        value: UnsafeCell<Option<T>>,
+    }
+
+    // SAFETY: the value is written once, in a critical section, before it is marked as set, and then
+    // only read. One context may set it, and another drop it.
+    unsafe impl<T: Send + Sync> Sync for OnceLock<T> {}
+
+    impl<T> OnceLock<T> {
+        /// Nothing is set.
+        pub const fn new() -> Self {
+            Self {
+                is_set: AtomicBool::new(false),
+                value: UnsafeCell::new(None),
+            }
+        }
+
+        /// The value, if it is set.
+        #[inline]
+        pub fn get(&self) -> Option<&T> {
+            if !self.is_set.load(Ordering::Acquire) {
+                return None;
+            }
+            // SAFETY: it was written before it was marked as set, and is not written again.
+            unsafe { &*self.value.get() }.as_ref()
+        }
+
+        /// Sets it.
+        ///
+        /// # Errors
+        ///
+        /// The value, if one is set already.
+        pub fn set(&self, value: T) -> Result<(), T> {
+            critical_section::with(|_| {
+                if self.is_set.load(Ordering::Relaxed) {
+                    return Err(value);
+                }
+                // SAFETY: nothing reads it before it is marked as set, and nothing else writes it: this
+                // is a critical section.
+                unsafe { *self.value.get() = Some(value) };
+                self.is_set.store(true, Ordering::Release);
+                Ok(())
+            })
+        }
+    }
+
+    impl<T: fmt::Debug> fmt::Debug for OnceLock<T> {
+        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.debug_tuple("OnceLock").field(&self.get()).finish()
+        }
+    }
+}

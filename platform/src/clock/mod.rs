@@ -1,11 +1,7 @@
 //! Time in nanoseconds, on the machine's clock or on that of a simulation.
 
-#[cfg(all(feature = "std", not(loom)))]
-mod counter;
 mod source;
 
-#[cfg(all(feature = "std", not(loom)))]
-pub use counter::Counter;
 pub use source::{Clock, VirtualClock};
 
 use core::fmt;

@@ -1,9 +1,6 @@
 //! Temporary boosts of a thread to another priority than its own.
 
-use super::thread::{scheduler, set_scheduler, why_no_policy};
-use crate::shortfall::PolicyRefusal;
-use crate::thread::Policy;
-use nix::errno::Errno;
+use super::thread::{scheduler, set_scheduler};
 use nix::unistd::gettid;
 
 /// A thread and its scheduling without a boost.
@@ -82,12 +79,4 @@ fn set(of: &Scheduling, policy: i32, priority: i32) -> Result<(), i32> {
     }
     set_scheduler(of.thread, policy | libc::SCHED_RESET_ON_FORK, priority)
         .map_err(|error| error as i32)
-}
-
-/// Determines why a boost to `priority` was refused with this error number.
-pub fn why_refused(priority: u8, number: i32) -> PolicyRefusal {
-    match Errno::from_raw(number) {
-        Errno::EPERM => why_no_policy(Policy::fifo(priority)),
-        error => super::deadline::kernel(error),
-    }
 }

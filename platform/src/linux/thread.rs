@@ -2,14 +2,7 @@
 
 pub use super::alternate_stack::HandlerStack;
 use super::deadline;
-use super::privileges;
-pub use super::privileges::has_capability;
-use crate::facts::task::CAP_SYS_NICE;
-use crate::on_drop::OnDrop;
-use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
-use crate::thread::{
-    Attributes, EMERGENCY_PRIORITY, Obtained, Policy, TIMER_PRIORITY, core_list, write_core_list,
-};
+use crate::thread::{Attributes, EMERGENCY_PRIORITY, Obtained, Policy, Refusal, Why};
 use nix::errno::Errno;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::prctl;
@@ -17,9 +10,6 @@ use nix::sys::resource::{Resource, getrlimit};
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
 use nix::unistd::{Pid, getpid, gettid};
 use std::ffi::CString;
-use std::fs;
-use std::os::unix::process::CommandExt;
-use std::process::Command;
 use std::sync::OnceLock;
 
 /// The calling thread, for calls that take a thread id.
@@ -78,6 +68,42 @@ pub fn current_policy() -> Policy {
     }
 }
 
+/// The bit of CAP_SYS_NICE: may take any policy and priority.
+const CAP_SYS_NICE: u32 = 23;
+
+/// Whether the calling thread has the capability of this bit in effect; `None` if the kernel does not
+/// tell. One system call, which needs no file: a process that has too many open is no plain user.
+pub fn has_capability(capability: u32) -> Option<bool> {
+    /// `struct __user_cap_header_struct`.
+    #[repr(C)]
+    struct Head {
+        version: u32,
+        process: i32,
+    }
+    /// `struct __user_cap_data_struct`: 32 capabilities.
+    #[repr(C)]
+    #[derive(Clone, Copy)]
+    struct Half {
+        effective: u32,
+        permitted: u32,
+        inheritable: u32,
+    }
+    // Version 3, of which there are two halves; process 0 is the calling thread.
+    let mut head = Head {
+        version: 0x2008_0522,
+        process: 0,
+    };
+    let mut halves = [Half {
+        effective: 0,
+        permitted: 0,
+        inheritable: 0,
+    }; 2];
+    // SAFETY: both live during the call, and have the layout and size of this version.
+    let outcome = unsafe { libc::syscall(libc::SYS_capget, &raw mut head, halves.as_mut_ptr()) };
+    let half = halves.get(capability as usize / 32)?;
+    (outcome == 0).then_some(half.effective >> (capability % 32) & 1 == 1)
+}
+
 /// What the process may have by its capabilities and its limit.
 pub fn highest_priority() -> u8 {
     if has_capability(CAP_SYS_NICE) == Some(true) {
@@ -98,44 +124,6 @@ pub(crate) fn begin() {
     ]);
     // It fails only for an unknown `how`.
     let _ = pthread_sigmask(SigmaskHow::SIG_BLOCK, Some(&ending), None);
-}
-
-pub(crate) fn current_number() -> i32 {
-    gettid().as_raw()
-}
-
-pub(crate) fn promote(number: i32, policy: Policy) {
-    if let Some(kind) = kind_of(policy) {
-        // Refused to a program that has given up the privilege since its start: then the thread
-        // stays an ordinary one.
-        let _ = set_scheduler(number, kind, policy.priority().into());
-    }
-}
-
-pub(crate) fn demote(number: i32) {
-    // One that was ordinary before keeps no flag, and may not be given one: then this does nothing
-    // that was needed. So for a thread that has ended.
-    let _ = set_scheduler(number, libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK, 0);
-    // SAFETY: a plain system call.
-    unsafe { libc::syscall(libc::SYS_setpriority, libc::PRIO_PROCESS, number, 19) };
-}
-
-/// Until the guard is dropped, the calling thread runs before all threads of users. One that the
-/// kernel refuses this, and one of a deadline policy, goes on as it is.
-pub(crate) fn above_users() -> OnDrop<impl FnMut()> {
-    // At a user's limit no thread of that user is above this one, and one that is as high waits.
-    let priority = highest_priority().min(TIMER_PRIORITY);
-    let own = scheduler(0).filter(|&(policy, _)| {
-        let flag = policy & libc::SCHED_RESET_ON_FORK;
-        policy & !flag != libc::SCHED_DEADLINE
-            && set_scheduler(0, libc::SCHED_FIFO | flag, priority.into()).is_ok()
-    });
-    OnDrop::new(move || {
-        if let Some((policy, priority)) = own {
-            // From the higher priority to its own is always allowed.
-            let _ = set_scheduler(0, policy, priority);
-        }
-    })
 }
 
 /// The kernel's number of a real-time policy with a priority, for a thread whose children are
@@ -166,7 +154,7 @@ pub(super) fn set_scheduler(number: i32, kind: i32, priority: i32) -> Result<(),
 }
 
 /// Gives the calling thread its attributes.
-pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
+pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Refusal> {
     set_name(&attributes.name);
     // Refused by no kernel since 2.6.28; without it, sleeps of ordinary threads end 50 µs later.
     let _ = prctl::set_timerslack(1);
@@ -175,7 +163,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     match attributes.core.map(|core| (core, pin(core))) {
         Some((core, Ok(()))) => obtained.core = Some(core),
         Some((core, Err(why))) => {
-            obtained.refused(attributes.mode, Shortfall::Core { asked: core, why })?;
+            obtained.refused(attributes.mode, Refusal::Core { asked: core, why })?;
             unpin();
         }
         None => unpin(),
@@ -187,7 +175,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     // Last, since the pages above are better fetched as an ordinary thread.
     if let Err(why) = set_policy(attributes.policy) {
         let asked = attributes.policy;
-        obtained.refused(attributes.mode, Shortfall::Policy { asked, why })?;
+        obtained.refused(attributes.mode, Refusal::Policy { asked, why })?;
         // From what it had before to none is always allowed.
         let _ = set_policy(Policy::Other);
     }
@@ -209,7 +197,7 @@ fn set_name(name: &str) {
     }
 }
 
-fn pin(core: usize) -> Result<(), CoreRefusal> {
+fn pin(core: usize) -> Result<(), Why> {
     let mut mask = CpuSet::new();
     // A number beyond the mask is one that the kernel cannot know either.
     let set = mask
@@ -217,53 +205,9 @@ fn pin(core: usize) -> Result<(), CoreRefusal> {
         .and_then(|()| sched_setaffinity(MYSELF, &mask));
     match set {
         Ok(()) if sched_getaffinity(MYSELF) == Ok(mask) => Ok(()),
-        Ok(()) => Err(CoreRefusal::NotKept),
-        Err(Errno::EINVAL) => Err(why_no_core(core)),
-        Err(error) => Err(CoreRefusal::Kernel {
-            message: error.to_string(),
-        }),
+        Ok(()) => Err(Why::NotKept(current_policy())),
+        Err(error) => Err(Why::Kernel(error as i32)),
     }
-}
-
-fn why_no_core(core: usize) -> CoreRefusal {
-    let list = |file: &str| {
-        let text = fs::read_to_string(format!("/sys/devices/system/cpu/{file}")).ok();
-        text.and_then(|text| core_list(&text))
-    };
-    let online = list("online");
-    // "Possible" counts sockets that could be filled later; "present" is what there is.
-    match list("present").or_else(|| online.clone()) {
-        Some(present) if !present.contains(&core) => CoreRefusal::NoSuchCore {
-            cores: write_core_list(&present),
-        },
-        _ if online.is_some_and(|online| !online.contains(&core)) => CoreRefusal::Offline,
-        _ => CoreRefusal::NotAllowed {
-            allowed: write_core_list(&available_cores()),
-        },
-    }
-}
-
-/// See [`crate::thread::ordinary_child`].
-pub(crate) fn ordinary_child(command: &mut Command) {
-    // Found here: the child may only make system calls.
-    remember_process();
-    let ordinary = || {
-        unpin();
-        let ending = SigSet::from_iter([
-            Signal::SIGINT,
-            Signal::SIGTERM,
-            Signal::SIGHUP,
-            Signal::SIGQUIT,
-            Signal::SIGPIPE,
-            Signal::SIGXFSZ,
-            Signal::SIGTTOU,
-        ]);
-        pthread_sigmask(SigmaskHow::SIG_UNBLOCK, Some(&ending), None)?;
-        Ok(())
-    };
-    // SAFETY: the closure makes plain system calls on values of its own and on the initial mask,
-    // which is made by now: it neither allocates nor locks, as it must not between fork and exec.
-    unsafe { command.pre_exec(ordinary) };
 }
 
 /// Lets this thread run on all cores of the process. Async-signal-safe once the initial mask is
@@ -276,7 +220,7 @@ pub fn unpin() {
     }
 }
 
-fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
+fn set_policy(asked: Policy) -> Result<(), Why> {
     let kind = match asked {
         // A batch or idle thread stays so: it has no real-time policy, and its policy was set on
         // purpose.
@@ -290,30 +234,16 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
         Policy::Deadline { .. } => return deadline::set(asked),
         Policy::Fifo(_) | Policy::RoundRobin(_) => kind_of(asked).unwrap_or(libc::SCHED_OTHER),
     };
-    match set_scheduler(0, kind, asked.priority().into()) {
-        Ok(()) => match current_policy() {
-            obtained if obtained == asked => Ok(()),
-            obtained => Err(PolicyRefusal::NotKept { obtained }),
-        },
-        Err(Errno::EPERM) => Err(why_no_policy(asked)),
-        Err(error) => Err(deadline::kernel(error)),
-    }
+    kept(asked, set_scheduler(0, kind, asked.priority().into()))
 }
 
-/// Determines the kernel's reason for `EPERM`.
-pub(super) fn why_no_policy(asked: Policy) -> PolicyRefusal {
-    let limit = getrlimit(Resource::RLIMIT_RTPRIO)
-        .ok()
-        .map(|(soft, _)| soft);
-    let capable = has_capability(CAP_SYS_NICE) == Some(true);
-    if capable && privileges::in_a_user_namespace() {
-        return PolicyRefusal::UserNamespace;
+/// Whether the calling thread has what was `set`.
+pub(super) fn kept(asked: Policy, set: Result<(), Errno>) -> Result<(), Why> {
+    set.map_err(|error| Why::Kernel(error as i32))?;
+    match current_policy() {
+        obtained if obtained == asked => Ok(()),
+        obtained => Err(Why::NotKept(obtained)),
     }
-    if !capable && limit.is_none_or(|limit| limit < u64::from(asked.priority())) {
-        return PolicyRefusal::NotPermitted { limit };
-    }
-    // It may: so its group has no budget.
-    privileges::group_without_budget().unwrap_or_else(|| deadline::kernel(Errno::EPERM))
 }
 
 /// A thread's policy, with its flags, and its priority; 0 is the calling thread. Nothing if there

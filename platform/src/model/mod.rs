@@ -11,7 +11,7 @@ pub(crate) mod clock {
     }
 }
 
-pub mod futex {
+pub(crate) mod futex {
     //! A word to wait on, as a loom mutex and condition variable around a loom atomic.
 
     use crate::clock::Instant;

@@ -1,8 +1,5 @@
 //! Threads have no priorities here, so there are no boosts.
 
-#[cfg(all(feature = "std", not(loom)))]
-use crate::shortfall::PolicyRefusal;
-
 /// A thread, and its scheduling without a boost.
 #[derive(Debug)]
 pub struct Scheduling;
@@ -40,10 +37,4 @@ pub fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
 /// None.
 pub fn restore(_: &Scheduling) -> Result<(), i32> {
     Ok(())
-}
-
-/// Why a boost was refused with this error number.
-#[cfg(all(feature = "std", not(loom)))]
-pub fn why_refused(_: u8, _: i32) -> PolicyRefusal {
-    PolicyRefusal::Unsupported
 }

@@ -1,9 +1,7 @@
 //! Threads as the standard library makes them: with a name and a stack. Policies and cores are
 //! refused.
 
-use crate::on_drop::OnDrop;
-use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
-use crate::thread::{Attributes, Obtained, Policy};
+use crate::thread::{Attributes, Obtained, Policy, Refusal, Why};
 use std::marker::PhantomData;
 
 /// Nothing here can be inherited.
@@ -24,42 +22,24 @@ impl HandlerStack {
     }
 }
 
-pub(crate) fn current_number() -> i32 {
-    0
-}
-
-/// Threads have no priorities here.
-pub(crate) fn promote(_number: i32, _policy: Policy) {}
-
-/// Threads have no priorities here.
-pub(crate) fn demote(_number: i32) {}
-
-/// No thread is pinned, and no signal is blocked.
-pub(crate) fn ordinary_child(_command: &mut std::process::Command) {}
-
 /// Lets this thread run on all cores of the process.
 pub fn unpin() {}
 
 /// Applies the attributes to the calling thread: reports those that it cannot have. Its stack is
 /// not touched, since its bounds are unknown.
-pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
+pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Refusal> {
     let mut obtained = Obtained::stack_of(attributes);
     if let Some(asked) = attributes.core {
-        let why = CoreRefusal::Unsupported;
-        obtained.refused(attributes.mode, Shortfall::Core { asked, why })?;
+        let why = Why::Unsupported;
+        obtained.refused(attributes.mode, Refusal::Core { asked, why })?;
     }
     let asked = attributes.policy;
     if asked.is_real_time() {
-        let why = PolicyRefusal::Unsupported;
-        obtained.refused(attributes.mode, Shortfall::Policy { asked, why })?;
+        let why = Why::Unsupported;
+        obtained.refused(attributes.mode, Refusal::Policy { asked, why })?;
     }
     attributes.settle_spin(&mut obtained)?;
     Ok(obtained)
-}
-
-/// Threads have no priorities here.
-pub(crate) fn above_users() -> OnDrop<impl FnMut()> {
-    OnDrop::new(|| ())
 }
 
 /// Threads have no priorities here.

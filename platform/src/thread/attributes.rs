@@ -1,16 +1,16 @@
 //! The attributes that a thread is to have, and those that it obtained.
 
 use super::policy::{Policy, PolicyError};
-use crate::shortfall::{Shortfall, SpinRefusal};
+use super::refusal::{Refusal, SpinRefusal};
 use crate::spin;
 use std::time::Duration;
 
 /// What happens when the system does not give what was asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Mode {
-    /// Refuse: the start fails with the shortfall as its error.
+    /// Refuse: the start fails with the refusal as its error.
     Strict,
-    /// Go on without, and report the shortfall.
+    /// Go on without, and report the refusal.
     #[default]
     BestEffort,
 }
@@ -156,7 +156,7 @@ impl Attributes {
         self.spin
     }
 
-    /// Refuses the requested spinning before a sleep: `why` becomes a shortfall. Does nothing if
+    /// Refuses the requested spinning before a sleep: `why` becomes a refusal. Does nothing if
     /// there was no request.
     pub fn refuse_spin(mut self, why: SpinRefusal) -> Self {
         self.spin_refused = Some(why);
@@ -164,7 +164,7 @@ impl Attributes {
     }
 
     /// Decides whether a thread that has obtained the rest may spin before it sleeps.
-    pub(crate) fn settle_spin(&self, obtained: &mut Obtained) -> Result<(), Shortfall> {
+    pub(crate) fn settle_spin(&self, obtained: &mut Obtained) -> Result<(), Refusal> {
         if self.spin.is_zero() {
             return Ok(());
         }
@@ -172,7 +172,7 @@ impl Attributes {
         match self.spin_refused.clone().or(unpinned) {
             Some(why) => {
                 let asked = self.spin;
-                obtained.refused(self.mode, Shortfall::Spin { asked, why })
+                obtained.refused(self.mode, Refusal::Spin { asked, why })
             }
             None => {
                 obtained.spin_before_sleep = self.spin;
@@ -320,7 +320,7 @@ pub struct Obtained {
     /// How long it looks for work before each sleep.
     pub spin_before_sleep: Duration,
     /// What was asked for and refused; always empty under [`Mode::Strict`].
-    pub shortfalls: Vec<Shortfall>,
+    pub refusals: Vec<Refusal>,
 }
 
 impl Obtained {
@@ -331,16 +331,16 @@ impl Obtained {
             core: None,
             stack_size: attributes.stack_size,
             spin_before_sleep: Duration::ZERO,
-            shortfalls: Vec::new(),
+            refusals: Vec::new(),
         }
     }
 
     /// Notes a refusal, or makes it the error under [`Mode::Strict`].
-    pub(crate) fn refused(&mut self, mode: Mode, shortfall: Shortfall) -> Result<(), Shortfall> {
+    pub(crate) fn refused(&mut self, mode: Mode, refusal: Refusal) -> Result<(), Refusal> {
         match mode {
-            Mode::Strict => Err(shortfall),
+            Mode::Strict => Err(refusal),
             Mode::BestEffort => {
-                self.shortfalls.push(shortfall);
+                self.refusals.push(refusal);
                 Ok(())
             }
         }
@@ -396,9 +396,9 @@ mod tests {
                 ..Obtained::stack_of(attributes)
             };
             let settled = attributes.settle_spin(&mut obtained);
-            settled.map(|()| (obtained.spin_before_sleep, obtained.shortfalls))
+            settled.map(|()| (obtained.spin_before_sleep, obtained.refusals))
         };
-        let refused = |why| Shortfall::Spin { asked: time, why };
+        let refused = |why| Refusal::Spin { asked: time, why };
         assert_eq!(settled(&attributes(time), Some(1)), Ok((time, vec![])));
         let unpinned = refused(SpinRefusal::NotPinned);
         assert_eq!(

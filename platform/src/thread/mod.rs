@@ -3,7 +3,7 @@
 //! [`spawn`] makes a thread with a name, a core, a policy and a stack that is in memory already,
 //! runs its set-up on it, and returns only then. What was set is read back: a thread that reports
 //! `fifo:80` runs at it. What the system refuses is an error under [`Mode::Strict`] and a
-//! [`Shortfall`] in [`Obtained`] under [`Mode::BestEffort`].
+//! [`Refusal`] in [`Obtained`] under [`Mode::BestEffort`].
 //!
 //! Nothing is inherited by accident:
 //!
@@ -24,22 +24,21 @@
 //! make a thread.
 
 mod attributes;
-mod cores;
 mod policy;
+mod refusal;
 
 pub use attributes::{
     AttributeError, Attributes, DEFAULT_STACK_SIZE, MAXIMUM_STACK_SIZE, MINIMUM_STACK_SIZE, Mode,
     Obtained,
 };
-pub use cores::{core_list, write_core_list};
 pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError, TIMER_PRIORITY};
+
+pub use refusal::{Refusal, SpinRefusal, Why};
 
 pub use crate::backend::thread::HandlerStack;
 
 use crate::backend::thread as backend;
-use crate::on_drop::OnDrop;
 use crate::panics;
-use crate::shortfall::Shortfall;
 use std::convert::Infallible;
 use std::io;
 use std::sync::mpsc;
@@ -157,8 +156,8 @@ where
 ///
 /// let obtained = apply_to_current(&Attributes::new("me").policy(Policy::fifo(10)))?;
 /// assert_eq!(obtained.policy, current_policy());
-/// for shortfall in &obtained.shortfalls {
-///     eprintln!("{shortfall}");
+/// for refusal in &obtained.refusals {
+///     eprintln!("{refusal}");
 /// }
 /// # apply_to_current(&Attributes::new("me"))?;
 /// # Ok::<(), luna_platform::thread::SpawnError>(())
@@ -212,22 +211,6 @@ pub use backend::current_core;
 /// ```
 pub use backend::available_cores;
 
-/// The system's number of a thread.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct ThreadNumber(i32);
-
-impl ThreadNumber {
-    /// As the system writes it; 0 if it has none.
-    pub fn get(self) -> i32 {
-        self.0
-    }
-}
-
-/// The calling thread's number: 0 if the system has none. One system call.
-pub fn current_number() -> ThreadNumber {
-    ThreadNumber(backend::current_number())
-}
-
 /// Lets the calling thread run on all cores of the process again. One system call. Does nothing
 /// where threads cannot be pinned.
 ///
@@ -235,63 +218,6 @@ pub fn current_number() -> ThreadNumber {
 /// luna_platform::thread::unpin_current();
 /// ```
 pub use backend::unpin as unpin_current;
-
-/// Lets the program that `command` starts run on all cores of this process and take signals, whatever
-/// thread starts it. Without it a child has what its thread has: the core that it is pinned to, and
-/// the signals SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. Its policy is an ordinary one in any
-/// case. Does nothing where threads are not pinned. Not for the real-time path.
-///
-/// ```
-/// use luna_platform::thread::ordinary_child;
-/// use std::process::Command;
-///
-/// let mut command = Command::new("true");
-/// assert!(ordinary_child(&mut command).get_program() == "true");
-/// ```
-pub fn ordinary_child(command: &mut std::process::Command) -> &mut std::process::Command {
-    backend::ordinary_child(command);
-    command
-}
-
-/// Gives another thread a policy with a fixed priority, if the program is allowed to: for a thread
-/// that waits as an ordinary one until it is needed. One system call, async-signal-safe. Does
-/// nothing for other policies, where threads have no priorities, or to one that has ended.
-///
-/// ```
-/// use luna_platform::thread::{Policy, current_number, demote, promote};
-/// promote(current_number(), Policy::fifo(10));
-/// # demote(current_number());
-/// ```
-pub fn promote(thread: ThreadNumber, policy: Policy) {
-    backend::promote(thread.0, policy);
-}
-
-/// Gives another thread the lowest priority there is: no real-time policy, and nice 19. For a
-/// thread that does not end; it needs no privilege. Three system calls at most. Does nothing where
-/// threads have no priorities, or to one that has ended.
-///
-/// ```
-/// use luna_platform::thread::{current_number, demote};
-/// demote(current_number());
-/// ```
-pub fn demote(thread: ThreadNumber) {
-    backend::demote(thread.0);
-}
-
-/// Until the guard is dropped, the calling thread runs before all threads of users: at SCHED_FIFO
-/// 98, or at the user's limit, if the program is allowed to. For some steps that the threads which they wake must not
-/// interrupt; start no thread meanwhile. Three system calls now, one when it is dropped.
-///
-/// ```
-/// use luna_platform::thread::{above_users, current_policy};
-///
-/// let own = current_policy();
-/// drop(above_users());
-/// assert_eq!(current_policy(), own);
-/// ```
-pub fn above_users() -> OnDrop<impl FnMut()> {
-    backend::above_users()
-}
 
 /// A running thread made by [`spawn`]. Dropped without [`join`](Self::join), the thread goes on by
 /// itself.
@@ -352,7 +278,7 @@ pub enum SpawnError<E = Infallible> {
     },
     /// The system refused an attribute under [`Mode::Strict`].
     #[error(transparent)]
-    Refused(Shortfall),
+    Refused(Refusal),
     /// The thread's set-up failed.
     #[error(transparent)]
     SetUp(E),

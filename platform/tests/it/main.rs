@@ -4,7 +4,6 @@
 #[macro_use]
 mod shared;
 
-mod deadline;
 mod pi_lock;
 mod reactor;
 mod thread;

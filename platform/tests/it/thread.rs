@@ -2,9 +2,8 @@
 
 #![cfg(not(loom))]
 
-use luna_platform::shortfall::{CoreRefusal, Shortfall};
 use luna_platform::thread::{
-    Attributes, Mode, Policy, SpawnError, apply_to_current, current_policy, spawn,
+    Attributes, Mode, Policy, Refusal, SpawnError, Why, apply_to_current, current_policy, spawn,
 };
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -42,7 +41,7 @@ fn smoke() {
     .unwrap();
     assert_eq!(thread.name(), "smoke");
     assert_eq!(thread.obtained().policy, Policy::Other);
-    assert!(thread.obtained().shortfalls.is_empty());
+    assert!(thread.obtained().refusals.is_empty());
     assert_eq!(thread.join().unwrap(), 2);
 }
 
@@ -113,7 +112,7 @@ fn a_core_that_does_not_exist() {
     assert!(
         matches!(
             error,
-            SpawnError::Refused(Shortfall::Core { asked: 70_000, .. })
+            SpawnError::Refused(Refusal::Core { asked: 70_000, .. })
         ),
         "{error}"
     );
@@ -126,15 +125,9 @@ fn a_core_that_does_not_exist() {
     )
     .unwrap();
     assert_eq!(thread.obtained().core, None);
-    match thread.obtained().shortfalls.as_slice() {
-        [Shortfall::Core { asked: 900, why }] => {
-            assert!(
-                matches!(
-                    why,
-                    CoreRefusal::NoSuchCore { .. } | CoreRefusal::Unsupported
-                ),
-                "{why:?}"
-            );
+    match thread.obtained().refusals.as_slice() {
+        [Refusal::Core { asked: 900, why }] => {
+            assert!(matches!(why, Why::Kernel(_) | Why::Unsupported), "{why:?}");
         }
         other => panic!("{other:?}"),
     }
@@ -142,7 +135,7 @@ fn a_core_that_does_not_exist() {
 }
 
 #[test]
-fn a_policy_is_read_back_or_a_shortfall() {
+fn a_policy_is_read_back_or_a_refusal() {
     for policy in [Policy::fifo(1), Policy::fifo(80), Policy::round_robin(97)] {
         let (obtained, seen) = {
             let thread = spawn(
@@ -154,11 +147,11 @@ fn a_policy_is_read_back_or_a_shortfall() {
             (thread.obtained().clone(), thread.join().unwrap())
         };
         assert_eq!(obtained.policy, seen);
-        match obtained.shortfalls.as_slice() {
+        match obtained.refusals.as_slice() {
             [] => assert_eq!(seen, policy),
-            [Shortfall::Policy { asked, .. }] => {
+            [Refusal::Policy { asked, .. }] => {
                 assert_eq!((*asked, seen), (policy, Policy::Other));
-                println!("{}", obtained.shortfalls[0]);
+                println!("{}", obtained.refusals[0]);
             }
             other => panic!("{other:?}"),
         }
@@ -186,7 +179,7 @@ fn the_calling_thread_can_have_attributes_too() {
         assert_eq!(obtained.policy, current_policy());
         let obtained = apply_to_current(&Attributes::new("applied")).unwrap();
         assert_eq!((obtained.policy, current_policy()), (before, before));
-        assert!(obtained.shortfalls.is_empty());
+        assert!(obtained.refusals.is_empty());
         assert!(apply_to_current(&Attributes::new("bad").policy(Policy::fifo(0))).is_err());
     })
     .join()

@@ -10,6 +10,7 @@ use luna_core::Nested;
 #[cfg(unix)]
 use luna_external::WireStop;
 use luna_machine::memory::HeapError;
+use luna_machine::shortfall::Shortfall;
 use luna_machine::signals::SignalError;
 use luna_platform::thread::{AttributeError, SpawnError};
 use std::convert::Infallible;
@@ -134,9 +135,9 @@ impl Error {
     pub fn not_started(of: &str, error: SpawnError<Infallible>) -> Error {
         Error::Setup(match error {
             SpawnError::Attributes(error) => SetupError::Attributes(error),
-            SpawnError::Refused(shortfall) => SetupError::Refused {
+            SpawnError::Refused(refusal) => SetupError::Refused {
                 of: of.to_owned(),
-                shortfall,
+                shortfall: Shortfall::of(&refusal),
             },
             other => SetupError::Thread {
                 message: other.to_string(),

@@ -1,6 +1,6 @@
 //! Errors of the set-up: bad input, and what the system refuses.
 
-use luna_platform::shortfall::Shortfall;
+use luna_machine::shortfall::Shortfall;
 use luna_platform::thread::AttributeError;
 use std::fmt;
 use std::time::Duration;

@@ -100,14 +100,13 @@ enum Logs {
 }
 
 impl ReplayLogs {
-    /// Gives the process its replay log.
-    #[cold]
+    /// Gives the process its replay log, if it is to have one.
     pub fn give_log(&self, spec: ProcessSpec) -> ProcessSpec {
-        let parent = current::replay_log(|log| log.process()).unwrap_or_default();
+        let parent = || current::replay_log(|log| log.process()).unwrap_or_default();
         let track = match &self.0 {
             Logs::None => return spec,
-            Logs::Record(recorder) => Track::Record(recorder.track(parent, spec.name())),
-            Logs::Replay(replayer) => Track::Replay(replayer.track(parent, spec.name())),
+            Logs::Record(recorder) => Track::Record(recorder.track(parent(), spec.name())),
+            Logs::Replay(replayer) => Track::Replay(replayer.track(parent(), spec.name())),
         };
         spec.with_replay_log(Arc::new(track))
     }

@@ -27,9 +27,10 @@ use luna_machine::alarm::EventAlarm;
 use luna_machine::crash::{CrashSlot, MAX_MEMBERS};
 use luna_machine::facts::{PreemptionModel, Source};
 use luna_machine::signals;
+use luna_machine::threads::{ThreadNumber, demote, promote};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::thread::{self, Policy, ThreadNumber};
+use luna_platform::thread::Policy;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};
 use std::time::Duration;
@@ -125,7 +126,7 @@ impl EmergencyWorkers {
     fn leave_behind(&self, member: u8) {
         self.left_behind.fetch_or(1 << member, Ordering::AcqRel);
         if let Some(number) = self.numbers[usize::from(member)].get() {
-            thread::demote(*number);
+            demote(*number);
         }
         self.bring_on_duty();
     }
@@ -143,7 +144,7 @@ impl EmergencyWorkers {
         if let Some(number) = number.filter(|_| !self.is_left_behind(next as u8)) {
             // First its priority, so that it runs as soon as it is woken.
             if let Some(policy) = self.policy.get() {
-                thread::promote(*number, *policy);
+                promote(*number, *policy);
             }
             self.parkers[next as usize].unpark();
         }

@@ -4,7 +4,7 @@ use super::super::plan::{Placement, ProcessPlan, Settings};
 use crate::error::{Result, SetupError};
 use luna_machine::latency::DmaLatency;
 use luna_machine::memory::{self, MemoryLock};
-use luna_platform::shortfall::Shortfall;
+use luna_machine::shortfall::Shortfall;
 use luna_platform::thread::{Attributes, Mode, Policy};
 
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite

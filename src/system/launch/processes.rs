@@ -1,9 +1,7 @@
 //! The start of the processes: every `pre_run`, and then all of them held.
 
 use super::super::neighbours;
-use super::super::plan::{
-    Member, NamedThread, NotStarted, Placement, Plan, ProcessPlan, Running, Started,
-};
+use super::super::plan::{Member, NamedThread, NotStarted, Plan, ProcessPlan, Running, Started};
 use crate::csp::composition::ThreadPart;
 use crate::csp::process::clean_up;
 use crate::error::{Error, Result};
@@ -102,11 +100,7 @@ impl Held {
     ) -> Result<()> {
         let mut prepared = prepared.into_iter();
         while let Some(mut process) = prepared.next() {
-            if let Placement::Thread(attributes) = &mut process.place
-                && running.simulation.is_none()
-            {
-                neighbours::join(attributes, &running.executors, places, &self.threads);
-            }
+            neighbours::join(&mut process.place, running, places, &self.threads);
             let id = process.id();
             match running.start(process) {
                 Ok((member, started)) => {

@@ -103,13 +103,13 @@ impl Plan {
         if let Some(running) = &members.running {
             members.started.note_ends(&running.common);
         }
-        if !plan.shares_name && !members.started.take_name(name) {
+        if !plan.shares_name && !members.started.take_name(plan.spec.name()) {
             // The process that had it may have ended, and others may know that, though its executor
             // has not reported it yet.
             if let Some(running) = &members.running {
                 members.started.look_for_ends(&running.common.emergency);
             }
-            if !members.started.take_name(name) {
+            if !members.started.take_name(plan.spec.name()) {
                 self.note_refusal();
                 return Err(duplicate("process", name));
             }
@@ -118,7 +118,7 @@ impl Plan {
             && let Err(refused) = members.take_thread_name(thread)
         {
             if !plan.shares_name {
-                members.started.give_name_back(name);
+                members.started.give_name_back(plan.spec.name());
             }
             self.note_refusal();
             return Err(refused);
@@ -142,29 +142,22 @@ impl Plan {
         mut plan: ProcessPlan,
     ) -> Result<ProcessHandle> {
         let id = plan.id();
-        let name = plan.name().to_owned();
-        let name = name.as_str();
-        let _clock = running.common.clock.enter();
+        let has_phases = plan.prepared.resident.is_some();
+        let _clock = has_phases.then(|| running.common.clock.enter());
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
             let prepared = running.common.prepare(&mut **resident);
-            prepared.map_err(|error| error.in_process(name))?;
+            prepared.map_err(|error| error.in_process(plan.name()))?;
             members = self.members();
         }
         if members.phase == Phase::Ended {
             drop(members);
+            let ended = self.ended(plan.name());
             clean_up(plan.prepared.resident);
-            return Err(self.ended(name));
+            return Err(ended);
         }
         let on_thread = matches!(plan.place, Placement::Thread(_));
-        if let Placement::Thread(attributes) = &mut plan.place
-            && running.simulation.is_none()
-        {
-            let Members {
-                places, threads, ..
-            } = &*members;
-            neighbours::join(attributes, &running.executors, places, threads);
-        }
+        neighbours::join(&mut plan.place, running, &members.places, &members.threads);
         // For an executor the lock is kept from the look at the phase until it is entered: the end
         // cannot come in between. No user code runs there.
         let held = (!on_thread).then_some(members);
@@ -186,7 +179,7 @@ impl Plan {
             drop(started);
             self.never_entered(running, id);
             clean_up(member.resident.take());
-            return Err(self.ended(name));
+            return Err(self.ended(member.name()));
         }
         let handle = member.handle.clone();
         member.is_late = true;

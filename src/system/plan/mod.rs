@@ -17,8 +17,8 @@ use crate::time::{Manager, StampState};
 use luna_config::deployment::{self, Deployment};
 use luna_config::file;
 use luna_config::parameters::Store;
-use luna_core::ProcessSpec;
 use luna_core::current::ProcessId;
+use luna_core::{Name, ProcessSpec};
 use luna_platform::thread::Attributes;
 use luna_replay::session::SessionPlan;
 pub(crate) use running::{Member, NamedThread, NotStarted, On, Running, Started};
@@ -335,7 +335,7 @@ pub(crate) struct ProcessPlan {
 /// The names that a process takes: they are given back if it is refused.
 struct Names {
     /// Its own, unless it shares one.
-    process: Option<String>,
+    process: Option<Name>,
     /// That of its thread.
     thread: Option<String>,
 }
@@ -343,7 +343,7 @@ struct Names {
 impl ProcessPlan {
     fn names(&self) -> Names {
         Names {
-            process: (!self.shares_name).then(|| self.name().to_owned()),
+            process: (!self.shares_name).then(|| self.spec.name().clone()),
             thread: self.thread_name().map(str::to_owned),
         }
     }

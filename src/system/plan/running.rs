@@ -63,7 +63,6 @@ impl Running {
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.registry);
         }
-        let name = plan.spec.name().to_string();
         let mut spec = common.replay_logs.give_log(plan.spec.listed());
         let (handle, on, started) = match plan.place {
             Placement::Executor(number) => {
@@ -75,6 +74,7 @@ impl Running {
                 (handle, On::Executor(number), Started::OnExecutor(announced))
             }
             Placement::Thread(attributes) => {
+                let name = spec.name().to_string();
                 let thread_name = attributes.name().to_owned();
                 let attributes = (*attributes).mode(self.mode);
                 let announce = |executor: &_| start.announce(executor, spec, common.clone());

@@ -8,8 +8,7 @@ use luna_core::current;
 use luna_core::timer_queue::Due;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::shortfall::Shortfall;
-use luna_platform::thread::{self, Attributes, Policy, Thread};
+use luna_platform::thread::{self, Attributes, Policy, Refusal, Thread};
 use std::convert::Infallible;
 use std::fmt;
 use std::sync::Arc;
@@ -66,10 +65,10 @@ impl ManagerThread {
     }
 
     /// What the thread was refused.
-    pub(crate) fn shortfalls(&self) -> &[Shortfall] {
+    pub(crate) fn shortfalls(&self) -> &[Refusal] {
         self.thread
             .as_ref()
-            .map_or(&[], |thread| &thread.obtained().shortfalls)
+            .map_or(&[], |thread| &thread.obtained().refusals)
     }
 
     /// Ends the thread; gives what it did, and the first panic of a callback.

@@ -37,10 +37,8 @@ fn poll_as<T>(
     branch_failed: bool,
     poll: impl FnOnce() -> T,
 ) -> T {
-    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready(outranked.then_some(31)) };
     let branch = || current::with_branch_below(branch_failed, 0, 0, poll);
-    let result = match priority {
+    let poll = || match priority {
         None => branch(),
         Some(Priority { thread, level }) => {
             // Without a waker of its own it is woken by that of the poll.
@@ -49,9 +47,10 @@ fn poll_as<T>(
             unsafe { current::with_process(&process, branch) }
         }
     };
-    // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
-    unsafe { current::pretend_ready(None) };
-    result
+    match outranked {
+        true => crate::common::beside_a_ready_process(31, poll),
+        false => poll(),
+    }
 }
 
 /// Prints what led to a failure.

@@ -3,8 +3,8 @@
 use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
+use luna_machine::counter::Counter;
 use luna_machine::facts::Unread;
-use luna_platform::clock::Counter;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -9,7 +9,7 @@ use luna_machine::facts::Unread;
 use luna_machine::facts::task::{
     CAP_IPC_LOCK, CAP_SYS_NICE, has_capability, is_first_user_namespace,
 };
-use luna_platform::shortfall::{Means, MemoryRefusal, PolicyRefusal};
+use luna_machine::shortfall::{Means, MemoryRefusal, PolicyRefusal};
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

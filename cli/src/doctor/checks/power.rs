@@ -5,7 +5,7 @@ use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::Machine;
 use luna::report::Shortfall;
 use luna_machine::facts::{Source, Unread, UnreadReason};
-use luna_platform::shortfall::LatencyRefusal;
+use luna_machine::shortfall::LatencyRefusal;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

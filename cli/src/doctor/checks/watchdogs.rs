@@ -5,7 +5,7 @@ use crate::doctor::facts::number;
 use crate::doctor::finding::{Check, Seen};
 use crate::doctor::machine::{Machine, missing_is};
 use luna_machine::facts::Unread;
-use luna_platform::thread::core_list;
+use luna_machine::facts::parse::core_list;
 
 pub(super) const CHECKS: &[Check] = &[
     Check {

@@ -1,6 +1,6 @@
 //! The kernel's command line (`/proc/cmdline`), as it was booted with.
 
-use luna_platform::thread::core_list;
+use luna_machine::facts::parse::core_list;
 
 /// The value of `key=value`; the last one counts. `None` if there is no such word.
 pub(crate) fn value<'a>(command_line: &'a str, key: &str) -> Option<&'a str> {

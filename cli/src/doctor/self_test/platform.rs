@@ -4,6 +4,7 @@ use super::{Outcome, Test, Trouble, ensure, same};
 use crate::doctor::facts::task;
 use luna::Policy;
 use luna_machine::facts::Source;
+use luna_machine::shortfall::Shortfall;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
@@ -46,10 +47,13 @@ fn real_time<T: Send + 'static>(
         .policy(Policy::fifo(priority))
         .mode(Mode::Strict);
     spawn(attributes, |_| Ok::<_, Infallible>(()), |()| body()).map_err(|error| match error {
-        SpawnError::Refused(shortfall) => Trouble::CannotRun {
-            why: format!("it needs SCHED_FIFO, and {}", shortfall.why()),
-            how: shortfall.remedy(),
-        },
+        SpawnError::Refused(refusal) => {
+            let shortfall = Shortfall::of(&refusal);
+            Trouble::CannotRun {
+                why: format!("it needs SCHED_FIFO, and {}", shortfall.why()),
+                how: shortfall.remedy(),
+            }
+        }
         error => Trouble::Failed(error.to_string()),
     })
 }

@@ -1,7 +1,8 @@
 //! Ticks of the processor's counter as nanoseconds on the machine's clock.
 
 use crate::hub::Stamp;
-use luna_platform::clock::{Counter, Instant};
+use luna_machine::counter::Counter;
+use luna_platform::clock::Instant;
 
 /// Turns time stamps into nanoseconds.
 ///

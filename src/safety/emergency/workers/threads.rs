@@ -8,9 +8,8 @@ use luna_core::ProcessRegistry;
 use luna_machine::crash::CrashWatch;
 use luna_machine::facts::Source;
 use luna_machine::signals::{self, Listeners, Signal, SignalError, SignalWatch};
-use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{
-    self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread,
+    self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Refusal, Thread,
 };
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -118,7 +117,8 @@ impl EmergencyThread {
             move |obtained| {
                 let workers = &prepared.workers;
                 // Each number is given once.
-                let _ = workers.numbers[usize::from(member)].set(thread::current_number());
+                let _ = workers.numbers[usize::from(member)]
+                    .set(luna_machine::threads::current_number());
                 if is_on_duty && is_watched_late {
                     workers.make_watch_alarm(member);
                 }
@@ -138,10 +138,10 @@ impl EmergencyThread {
     }
 
     /// What was refused to the workers.
-    pub(crate) fn shortfalls(&self) -> &[Shortfall] {
+    pub(crate) fn shortfalls(&self) -> &[Refusal] {
         // The others on duty were refused the same.
         let last = self.threads.last();
-        last.map_or(&[], |(_, thread)| &thread.obtained().shortfalls)
+        last.map_or(&[], |(_, thread)| &thread.obtained().refusals)
     }
 
     /// Ends the workers, which run the functions before that if there is an emergency. Returns the

@@ -4,7 +4,7 @@
 /// The path of the version 1 group with the controller `controller`.
 ///
 /// ```
-/// use luna_platform::facts::control_group::group_one;
+/// use luna_machine::facts::control_group::group_one;
 ///
 /// assert_eq!(group_one("3:cpu,cpuacct:/user.slice\n0::/\n", "cpu"), Some("/user.slice"));
 /// ```
@@ -22,7 +22,7 @@ pub fn group_one<'a>(groups: &'a str, controller: &str) -> Option<&'a str> {
 /// The path of the version 2 group.
 ///
 /// ```
-/// assert_eq!(luna_platform::facts::control_group::group_two("0::/user.slice\n"), Some("/user.slice"));
+/// assert_eq!(luna_machine::facts::control_group::group_two("0::/user.slice\n"), Some("/user.slice"));
 /// ```
 pub fn group_two(groups: &str) -> Option<&str> {
     groups.lines().find_map(|line| line.strip_prefix("0::"))
@@ -31,7 +31,7 @@ pub fn group_two(groups: &str) -> Option<&str> {
 /// Where the version 1 hierarchy of a controller is mounted.
 ///
 /// ```
-/// use luna_platform::facts::control_group::mount_of_one;
+/// use luna_machine::facts::control_group::mount_of_one;
 ///
 /// let mounts = "cgroup /sys/fs/cgroup/cpu cgroup rw,nosuid,cpu 0 0\n";
 /// assert_eq!(mount_of_one(mounts, "cpu"), Some("/sys/fs/cgroup/cpu"));
@@ -45,7 +45,7 @@ pub fn mount_of_one<'a>(mounts: &'a str, controller: &str) -> Option<&'a str> {
 /// Where the version 2 hierarchy is mounted.
 ///
 /// ```
-/// use luna_platform::facts::control_group::mount_of_two;
+/// use luna_machine::facts::control_group::mount_of_two;
 ///
 /// assert_eq!(mount_of_two("cgroup2 /sys/fs/cgroup cgroup2 rw 0 0\n"), Some("/sys/fs/cgroup"));
 /// ```
@@ -56,7 +56,7 @@ pub fn mount_of_two(mounts: &str) -> Option<&str> {
 /// A file of a group, below where its hierarchy is mounted.
 ///
 /// ```
-/// use luna_platform::facts::control_group::file;
+/// use luna_machine::facts::control_group::file;
 ///
 /// assert_eq!(file("/sys/fs/cgroup", "/", "cpu.max"), "/sys/fs/cgroup/cpu.max");
 /// assert_eq!(file("/sys/fs/cgroup", "/a", "cpu.max"), "/sys/fs/cgroup/a/cpu.max");

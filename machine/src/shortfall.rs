@@ -4,11 +4,15 @@
 //! error.
 
 mod means;
+mod why;
 
 pub use means::Means;
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+pub(crate) use why::in_a_user_namespace;
 
 use crate::facts::task::{CAP_IPC_LOCK, CAP_SYS_NICE};
-use crate::thread::Policy;
+use luna_platform::thread::Policy;
+pub use luna_platform::thread::SpinRefusal;
 use means::Asked;
 use std::fmt;
 use std::time::Duration;
@@ -19,7 +23,7 @@ use std::time::Duration;
 /// [`remedy`](Self::remedy) are its parts.
 ///
 /// ```
-/// use luna_platform::shortfall::{LatencyRefusal, Shortfall};
+/// use luna_machine::shortfall::{LatencyRefusal, Shortfall};
 ///
 /// let shortfall = Shortfall::DmaLatency(LatencyRefusal::Missing);
 /// assert_eq!(shortfall.what(), "short wake-ups (/dev/cpu_dma_latency at 0)");
@@ -150,28 +154,6 @@ pub enum CoreRefusal {
     Unsupported,
 }
 
-/// Why a thread sleeps at once: spinning could keep another thread from running that has work for
-/// it.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SpinRefusal {
-    /// The thread is not pinned to a core.
-    #[error("the thread has no core of its own")]
-    NotPinned,
-    /// Another thread of the system is pinned to the same core.
-    #[error("it shares its core with `{with}`")]
-    SharedCore {
-        /// That one's name.
-        with: String,
-    },
-    /// Another thread of the system is not pinned, so it may run on the same core.
-    #[error("`{name}` is not pinned, so it may run on the same core")]
-    UnpinnedNeighbour {
-        /// That one's name.
-        name: String,
-    },
-}
-
 /// Why memory was not locked.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -261,7 +243,7 @@ impl Shortfall {
             Shortfall::Policy { asked, why } => why.remedy(*asked, means),
             Shortfall::Core { why, .. } => why.remedy(),
             Shortfall::Inheritance { asked, why } => why.remedy(Policy::fifo(*asked), means),
-            Shortfall::Spin { why, .. } => why.remedy(),
+            Shortfall::Spin { why, .. } => spin_remedy(why).to_owned(),
             Shortfall::MemoryLock(why) => why.remedy(means),
             Shortfall::DmaLatency(why) => why.remedy(means),
         }
@@ -391,13 +373,11 @@ impl CoreRefusal {
     }
 }
 
-impl SpinRefusal {
-    fn remedy(&self) -> String {
-        match self {
-            Self::NotPinned => "pin it to a core where nothing else runs".to_owned(),
-            Self::SharedCore { .. } => "pin one of them to another core".to_owned(),
-            Self::UnpinnedNeighbour { .. } => "pin that one to another core".to_owned(),
-        }
+fn spin_remedy(why: &SpinRefusal) -> &'static str {
+    match why {
+        SpinRefusal::SharedCore { .. } => "pin one of them to another core",
+        SpinRefusal::UnpinnedNeighbour { .. } => "pin that one to another core",
+        _ => "pin it to a core where nothing else runs",
     }
 }
 

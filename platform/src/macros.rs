@@ -1,4 +1,4 @@
-//! `Debug` of types that show a part of their fields.
+//! Macros: `Debug` of types that show a part of their fields, and variables of a thread or context.
 
 /// Implements `Debug` for a type that shows these values, each by its name. A type with generics
 /// lists them in `impl[…]`, as they stand behind `impl`.
@@ -31,5 +31,37 @@ macro_rules! debug_fields {
     };
     ($type:ident $($rest:tt)*) => {
         $crate::debug_fields!(impl[] $type $($rest)*);
+    };
+}
+
+/// Thread-local variables, in the syntax of `std::thread_local!` with constant first values.
+/// Without an operating system each of the CPU's contexts has one of them.
+///
+/// ```
+/// use std::cell::Cell;
+///
+/// luna_platform::local! {
+///     static COUNT: Cell<u32> = const { Cell::new(0) };
+/// }
+/// COUNT.set(COUNT.get() + 1);
+/// assert_eq!(COUNT.get(), 1);
+/// ```
+#[cfg(feature = "std")]
+#[macro_export]
+macro_rules! local {
+    ($($all:tt)*) => { ::std::thread_local! { $($all)* } };
+}
+
+/// Variables of which each of the CPU's contexts has one, in the syntax of `std::thread_local!`
+/// with constant first values.
+#[cfg(not(feature = "std"))]
+#[macro_export]
+macro_rules! local {
+    ($($(#[$attribute:meta])* $visible:vis static $name:ident: $type:ty = const $first:block;)*) => {
+        $(
+            $(#[$attribute])*
+            $visible static $name: $crate::bare::Local<$type> =
+                $crate::bare::Local::new([const $first; $crate::bare::CONTEXTS]);
+        )*
     };
 }

@@ -3,7 +3,7 @@
 
 #![cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 
-use luna_platform::shortfall::{PolicyRefusal, Shortfall};
+use luna_machine::shortfall::{PolicyRefusal, Shortfall};
 use luna_platform::thread::{Attributes, Mode, Policy, SpawnError, spawn};
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::unistd::getpid;
@@ -31,10 +31,15 @@ fn all_cores_or_none() {
         .mode(Mode::Strict);
     let refused = spawn(attributes, |_| Ok::<_, Infallible>(()), |()| ());
     match refused {
-        Err(SpawnError::Refused(Shortfall::Policy { why, .. })) => match &why {
-            PolicyRefusal::NotAllCores { allowed } => assert_eq!(*allowed, cores[0].to_string()),
-            PolicyRefusal::Kernel { message } => panic!("{message}"),
-            _ => println!("skipped: all_cores_or_none: needs SCHED_DEADLINE: {why:?}"),
+        Err(SpawnError::Refused(refusal)) => match Shortfall::of(&refusal) {
+            Shortfall::Policy { why, .. } => match &why {
+                PolicyRefusal::NotAllCores { allowed } => {
+                    assert_eq!(*allowed, cores[0].to_string())
+                }
+                PolicyRefusal::Kernel { message } => panic!("{message}"),
+                _ => println!("skipped: all_cores_or_none: needs SCHED_DEADLINE: {why:?}"),
+            },
+            other => panic!("{other:?}"),
         },
         other => panic!("{other:?}"),
     }

@@ -6,7 +6,7 @@ use std::fmt::Display;
 /// The user, the capabilities and the flags of a process, as far as they decide which remedy helps.
 ///
 /// ```
-/// use luna_platform::shortfall::{LatencyRefusal, Means, Shortfall};
+/// use luna_machine::shortfall::{LatencyRefusal, Means, Shortfall};
 ///
 /// let shortfall = Shortfall::DmaLatency(LatencyRefusal::NotPermitted);
 /// let user = Means::of("Uid:\t1000\t1000\t1000\t1000\n");
@@ -105,7 +105,7 @@ mod tests {
     use super::*;
     use crate::facts::task::{CAP_IPC_LOCK, CAP_SYS_NICE};
     use crate::shortfall::{LatencyRefusal, MemoryRefusal, PolicyRefusal, Shortfall};
-    use crate::thread::Policy;
+    use luna_platform::thread::Policy;
 
     fn status(user: u32, bounding: u64, no_new_privileges: u8) -> Means {
         Means::of(&format!(

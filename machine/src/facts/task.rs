@@ -3,7 +3,7 @@
 /// The value of a field of `/proc/self/status`, such as `Cpus_allowed_list`.
 ///
 /// ```
-/// assert_eq!(luna_platform::facts::task::field("Name:\tcat\nThreads:\t1\n", "Threads"), Some("1"));
+/// assert_eq!(luna_machine::facts::task::field("Name:\tcat\nThreads:\t1\n", "Threads"), Some("1"));
 /// ```
 pub fn field<'a>(status: &'a str, name: &str) -> Option<&'a str> {
     let value = |line: &'a str| line.strip_prefix(name)?.strip_prefix(':');
@@ -18,7 +18,7 @@ pub const CAP_SYS_NICE: u32 = 23;
 /// Whether `/proc/self/status` says that the capability of this bit, below 64, is in effect.
 ///
 /// ```
-/// use luna_platform::facts::task::{CAP_SYS_NICE, has_capability};
+/// use luna_machine::facts::task::{CAP_SYS_NICE, has_capability};
 ///
 /// assert_eq!(has_capability("CapEff:\t0000000000800000\n", CAP_SYS_NICE), Some(true));
 /// ```
@@ -31,7 +31,7 @@ pub fn has_capability(status: &str, bit: u32) -> Option<bool> {
 /// itself: in another, capabilities do not reach scheduling and locked memory.
 ///
 /// ```
-/// use luna_platform::facts::task::is_first_user_namespace;
+/// use luna_machine::facts::task::is_first_user_namespace;
 ///
 /// assert!(is_first_user_namespace("         0          0 4294967295\n"));
 /// assert!(!is_first_user_namespace("         0     100000      65536\n"));

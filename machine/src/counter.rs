@@ -1,7 +1,7 @@
 //! The processor's time-stamp counter, where it can stand for a clock: that of x86-64, and the
 //! virtual counter of 64-bit Arm.
 
-use super::Instant;
+use luna_platform::clock::Instant;
 use std::sync::OnceLock;
 
 /// The time-stamp counter of the processor: read in half the time that [`Instant::now`] takes, in
@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 /// time, to convert ticks to instants.
 ///
 /// ```
-/// use luna_platform::clock::Counter;
+/// use luna_machine::counter::Counter;
 ///
 /// if let Some(counter) = Counter::of_machine() {
 ///     let (ticks, instant) = counter.beside_clock();
