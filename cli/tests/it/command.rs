@@ -171,7 +171,15 @@ fn demo_that_ends_before_the_calibration_has_no_tracking_error() {
 
 #[test]
 fn demo_prints_text() {
-    let output = luna(&["--seconds", "0.2", "--rate", "500", "--policy", "other"]);
+    let output = luna(&[
+        "demo",
+        "--seconds",
+        "0.2",
+        "--rate",
+        "500",
+        "--policy",
+        "other",
+    ]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let out = text(&output.stdout);
     for part in [

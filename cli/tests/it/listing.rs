@@ -256,7 +256,7 @@ fn a_system_is_listed_while_its_program_lives() {
         }
         assert!(since.elapsed() < LIMIT);
     };
-    assert_eq!(program["program"], "luna");
+    assert_eq!(program["program"], "luna-demo");
     assert_eq!(program["systems"][0]["name"], "jiwy");
     let threads = program["systems"][0]["threads"]
         .as_array()

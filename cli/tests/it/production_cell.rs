@@ -100,6 +100,7 @@ fn kill_each_unit(deployment: &str, seconds: u32) {
 #[test]
 fn a_fault_is_drawn_and_stops_those_that_depend_on_the_unit() {
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("cell.svg");
+    let _ = std::fs::remove_file(&path); // of a run before
     let picture = path.display();
     let run = good(&format!(
         "--virtual --seconds 6 --fault stuck-feeder --picture {picture}"
