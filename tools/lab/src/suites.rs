@@ -14,7 +14,12 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// The packages whose tests run everywhere.
-const KERNEL: [&str; 3] = ["luna-platform", "luna-core", "luna-channels"];
+const KERNEL: [&str; 4] = [
+    "luna-platform",
+    "luna-machine",
+    "luna-core",
+    "luna-channels",
+];
 /// The framework, on amd64.
 const FRAMEWORK: &str = "luna-rt";
 /// The host's time that one test program has.
