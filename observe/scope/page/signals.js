@@ -145,6 +145,7 @@ export class Signals {
   // Stands still with an instant in the middle.
   showAt(time) {
     if (this.clock.live) this.clock.pause();
+    this.chosenSpan ??= Math.min(FOLLOWED, this.span); // a part, if the plot has shown all
     this.end = Math.min(this.model.last + this.span / 2, Math.max(0, time) + this.span / 2);
     this.clock.now = Math.min(this.end, this.clock.latest);
   }
