@@ -136,7 +136,7 @@ impl<'a, const SEND: bool> Plain<'a, SEND> {
                     lists.keep();
                     return part_long::<SEND>(channel, node, turn, partner);
                 }
-                let (from, to) = self.from_to(partner);
+                let (from, to) = self.nodes_of(partner);
                 Waiter::move_word(from, to);
                 return part::<SEND>(self.wait_point(), lists, partner, turn);
             }
@@ -182,7 +182,7 @@ impl<'a, const SEND: bool> Plain<'a, SEND> {
 
     /// The node of the sender, and that of the receiver.
     #[inline(always)]
-    fn from_to(self, partner: NonNull<WaitNode>) -> (NonNull<Waiter<()>>, NonNull<Waiter<()>>) {
+    fn nodes_of(self, partner: NonNull<WaitNode>) -> (NonNull<Waiter<()>>, NonNull<Waiter<()>>) {
         match SEND {
             true => (self.node, partner.cast()),
             false => (partner.cast(), self.node),
@@ -196,7 +196,7 @@ impl<'a, const SEND: bool> Plain<'a, SEND> {
     /// The lock is held. The partner waited for an operation of this side, and is not settled.
     #[inline(always)]
     unsafe fn move_value(self, partner: NonNull<WaitNode>) {
-        let (from, to) = self.from_to(partner);
+        let (from, to) = self.nodes_of(partner);
         // SAFETY: of the two nodes the sender's holds a value and the receiver's none: this one by
         // the invariants, the partner's since it is not settled. The lock is held, so no other
         // thread accesses them. A channel gives its wait point the mover for the type of its

@@ -61,8 +61,6 @@ impl<T> Channel<T> {
         still: impl FnOnce() -> bool,
         note: impl FnOnce(bool),
     ) -> Option<(T, PlainPendingWake)> {
-        // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
-        // closure of a `send_with` runs under one, but it has no plain turn.
         let mut lists = self.wait_point.enter_in(turn.here())?;
         if !lists.is_plain_but_registered() || lists.is_storing || !still() {
             return None;

@@ -47,9 +47,9 @@ use luna_platform::clock::Instant;
 ///
 /// # Invariants
 ///
-/// A waiting entry is in the list of the [waiting](Locked::waits), and has the present number; or
+/// A waiting entry is in the list of the waiting, and has the present number; or
 /// it was notified together with all others, has an earlier number, and is in the list of the
-/// [notified](Locked::notified) until it is moved on. All nodes are entries that were begun.
+/// notified until it is moved on. All nodes are entries that were begun.
 #[derive(Clone)]
 pub struct Condvar {
     shared: Shared<GuardedWaitPoint<Notified>>,
