@@ -21,7 +21,8 @@ use luna_benches::{
     processes::{delta, warm_up},
 };
 use luna_logger::{Hub, Level, Logging, Recorder, Signal, TracingSubscriber, message};
-use luna_platform::clock::{Counter, Instant as LunaInstant};
+use luna_machine::counter::Counter;
+use luna_platform::clock::Instant as LunaInstant;
 use tracing_appender::non_blocking::NonBlockingBuilder;
 
 const SAMPLE: &str = "record a sample, one core";

@@ -31,6 +31,12 @@ impl Progress {
     }
 }
 
+impl Default for Progress {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<W: Write> Progress<W> {
     fn on(to: Option<W>, now: Instant) -> Self {
         Self {
