@@ -8,7 +8,7 @@
 //! Without the feature `events` this costs no code and no memory. With it, a thread that is not
 //! traced executes one predictable branch for each event. On the fast path there is a single one,
 //! when an operation that has waited goes on. Turns, wakes and communications within one executor
-//! use separate functions in a [traced](crate::current::Process::set_traced) process; bytes
+//! use separate functions in a traced process; bytes
 //! that are read anyway select them.
 //!
 //! The other half are names: the code that makes a process, a channel or a loop [names](name) it,

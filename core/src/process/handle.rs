@@ -78,7 +78,7 @@ impl ProcessSpec {
         self
     }
 
-    /// Lists the process when it has ended, for [`ProcessRegistry::take_ended`].
+    /// Lists the process when it has ended, for [`ProcessRegistry::take_ended`](super::ProcessRegistry::take_ended).
     #[must_use]
     #[inline]
     pub fn listed(mut self) -> Self {
@@ -86,7 +86,7 @@ impl ProcessSpec {
         self
     }
 
-    /// Makes its end unhurried, if it completes without an exit value: see [`ProcessRegistry::rest`].
+    /// Makes its end unhurried, if it completes without an exit value: see [`ProcessRegistry::rest`](super::ProcessRegistry::rest).
     #[must_use]
     #[inline]
     pub fn unhurried(mut self) -> Self {

@@ -19,7 +19,7 @@ use luna_platform::sync::plain::{AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 /// # Invariants
 ///
 /// `ended` is null, or `CLOSED`, or leads along the records' `next` to null: each pointer of this
-/// chain was that of a [`ProcessRef`], which is owned by its place in it.
+/// chain was that of a `ProcessRef`, which is owned by its place in it.
 pub struct ProcessRegistry {
     count: AtomicUsize,
     changes: Futex,

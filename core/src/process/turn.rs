@@ -192,7 +192,7 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// This is the executor's thread, as for [`keep_traced`](Self::keep_traced), and the
+    /// This is the executor's thread, as for `keep_traced`, and the
     /// process has its turn.
     #[inline]
     pub unsafe fn end_turn(&self) {
@@ -321,7 +321,7 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// This is the executor's thread, as for [`keep_traced`](Self::keep_traced); or the process was
+    /// This is the executor's thread, as for `keep_traced`; or the process was
     /// never built.
     pub(crate) unsafe fn set_ended(&self, outcome: u8) {
         let now = self.state.load(Ordering::Relaxed);
