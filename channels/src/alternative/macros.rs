@@ -33,7 +33,7 @@
 ///   that offer each other opposite ends do.
 ///
 /// Cancel-safe: dropped while it waits it leaves no trace. Real-time path: yes; no allocation; for
-/// n guards, at most 32, n locks and O(n log n) steps, to wait also each waiting list's O(those of
+/// n guards, at most 32, n locks and O(n²) steps, to wait also each waiting list's O(those of
 /// lower priority), and one step for each stale offer of another alternative. The choice is made
 /// under the locks of all channels, taken in the order of their addresses.
 ///
