@@ -3,7 +3,7 @@
 use super::end::ExitValue;
 use super::join::{self, Join};
 use super::monitor::{PollMonitor, Timing};
-use super::{LEVELS, Name, Process, ProcessId, ProcessRef, ProcessState, state};
+use super::{LEVELS, Name, ProcessId, ProcessRef, ProcessState};
 use crate::replay_log::LogInstaller;
 use alloc::borrow::ToOwned;
 use alloc::boxed::Box;
@@ -270,29 +270,6 @@ impl ProcessHandle {
         self.0.take_exit_value()
     }
 
-    /// Its name and how often it was polled, if it has completed and no more is known of it: its
-    /// polls are not timed, and it left no exit value.
-    #[doc(hidden)]
-    #[inline]
-    pub fn completed(&self) -> Option<(Name, u64)> {
-        let process = &*self.0;
-        let completed = process.outcome() == Some(state::COMPLETED);
-        (completed && process.record.timing.is_none())
-            .then(|| (process.record.name.clone(), process.polls()))
-    }
-
-    /// A handle of a process of which that is kept alone. Allocates.
-    #[doc(hidden)]
-    pub fn of_completed(id: ProcessId, name: Name, priority: u8, polls: u64) -> Self {
-        Self(Process::of_ended(
-            id,
-            name,
-            priority,
-            state::COMPLETED,
-            polls,
-        ))
-    }
-
     /// The name itself, for a table of names.
     #[doc(hidden)]
     #[inline]
@@ -300,8 +277,9 @@ impl ProcessHandle {
         &self.0.record.name
     }
 
-    /// Lets go of the room of its body, if it has ended: for a handle that is kept for long. An
-    /// exit value is to be taken before. Not for the real-time path: it may allocate.
+    /// Lets go of the room of its body, if it has ended and that room is large: for a handle that is
+    /// kept for long. An exit value is to be taken before. Not for the real-time path: it may
+    /// allocate.
     pub fn forget_body(&mut self) {
         if let Some(rest) = self.0.without_body() {
             self.0 = rest;

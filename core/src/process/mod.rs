@@ -255,6 +255,24 @@ impl Process {
     /// it until its [methods](Self::set_methods) are set.
     #[inline(always)]
     pub fn new(id: ProcessId, executor_id: ExecutorId, thread_priority: u8, level: u8) -> Self {
+        Self::with_record(
+            id,
+            executor_id,
+            thread_priority,
+            level,
+            #[cfg(not(loom))]
+            record::Record::named(Name::default()),
+        )
+    }
+
+    #[inline(always)]
+    fn with_record(
+        id: ProcessId,
+        executor_id: ExecutorId,
+        thread_priority: u8,
+        level: u8,
+        #[cfg(not(loom))] record: record::Record,
+    ) -> Self {
         static NONE: Methods = Methods::without_body(|_, _| {}, |_| {});
         Self {
             link: Link::new(),
@@ -273,7 +291,7 @@ impl Process {
             methods: Cell::new(&NONE),
             inheritance: Inheritance::new(),
             #[cfg(not(loom))]
-            record: record::Record::none(),
+            record,
         }
     }
 

@@ -40,12 +40,12 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// That of a process that no other code sees.
-    pub(super) fn none() -> Self {
+    /// That of a process in a box, which nobody sees but by its name.
+    pub(super) fn named(name: Name) -> Self {
         Self {
             retired: Retired::new(free::<Process>),
             next: AtomicPtr::new(ptr::null_mut()),
-            name: Name::default(),
+            name,
             timing: None,
             executor: None,
             slot: OnceLock::new(),
@@ -96,11 +96,8 @@ impl Process {
     ) -> Self {
         let (executor_id, priority) = (executor.executor_id, executor.thread_priority());
         let is_here = current::executor_id() == Some(executor_id);
-        let mut process = Self::new(spec.id, executor_id, priority, spec.level);
-        process.references.add_elsewhere();
-        process.record = Record {
+        let record = Record {
             retired: Retired::new(free),
-            name: spec.name,
             timing: spec.timing,
             executor: Some(executor),
             is_listed: spec.is_listed,
@@ -109,8 +106,10 @@ impl Process {
                 true => BiasedLock::biased_in(current::Here::now(), Shown::new()),
                 false => BiasedLock::new(Shown::new()),
             },
-            ..Record::none()
+            ..Record::named(spec.name)
         };
+        let process = Self::with_record(spec.id, executor_id, priority, spec.level, record);
+        process.references.add_elsewhere();
         process
     }
 
@@ -126,38 +125,29 @@ impl Process {
         process
     }
 
-    /// What is left of a process that has ended so, with one reference. Allocates.
-    pub(super) fn of_ended(
-        id: ProcessId,
-        name: Name,
-        level: u8,
-        how: u8,
-        polls: u64,
-    ) -> ProcessRef {
-        let mut process = Process::new(id, current::ExecutorId::new(), 0, level);
-        process.record.name = name;
-        process.polls.store(polls, Ordering::Relaxed);
-        process.references.add_elsewhere();
-        let process = process.boxed(Kind::Alone);
-        // SAFETY: it was never built, and this is the only call. The reference keeps it.
-        unsafe {
-            process.as_ref().set_ended(how);
-            Process::end(process);
-        }
-        ProcessRef(process)
-    }
-
     /// What is known of it once it has ended, in memory without the room of its body; `None` if
-    /// there is more to know than is copied.
+    /// there is more to know than is copied, or little to gain. Allocates.
     pub(super) fn without_body(&self) -> Option<ProcessRef> {
         let how = match self.outcome()? {
             state::PANICKED => return None,
             state::CANCELLED => state::CANCELLED,
             _ => state::COMPLETED,
         };
-        let (name, level) = (self.record.name.clone(), self.own_level);
-        let has_more = self.record.timing.is_some();
-        (!has_more).then(|| Self::of_ended(self.id, name, level, how, self.polls()))
+        let is_small = self.methods().of_body.range.len() <= 2 * size_of::<Process>();
+        if is_small || self.record.timing.is_some() {
+            return None;
+        }
+        let record = Record::named(self.record.name.clone());
+        let rest = Self::with_record(self.id, self.executor_id, 0, self.own_level, record);
+        rest.polls.store(self.polls(), Ordering::Relaxed);
+        rest.references.add_elsewhere();
+        let rest = rest.boxed(Kind::Alone);
+        // SAFETY: it was never built, and this is the only call. The reference keeps it.
+        unsafe {
+            rest.as_ref().set_ended(how);
+            Process::end(rest);
+        }
+        Some(ProcessRef(rest))
     }
 
     /// Requests its end, from any thread.
