@@ -310,12 +310,16 @@ impl<'a> Choice<'_, 'a> {
     where
         'a: 'l,
     {
-        let mut candidates = 0;
+        let (mut candidates, user) = (0, LastUser::of(turn.here().user()));
         for (number, offer) in self.offers.iter().enumerate() {
             let may_be_ready = match offer.wait_point() {
                 Some(wait_point) => locks.reach(wait_point, |lists| {
                     lists.leave_queues();
-                    offer.plain().is_none() || !lists.waiting.is_idle()
+                    let is_tried = offer.plain().is_none() || !lists.waiting.is_idle();
+                    if !is_tried {
+                        lists.note_user(offer.of_sender(), user);
+                    }
+                    is_tried
                 })?,
                 None => {
                     locks.pass_over();

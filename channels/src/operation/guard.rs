@@ -5,7 +5,7 @@ use crate::alternative::{Attempt, Guard, RawGuard, Terms};
 use crate::core::Attempted;
 use crate::in_place::InPlace;
 use crate::select_state::SelectState;
-use crate::wait_point::{LastUser, WaitQueues};
+use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter, Waits};
 use core::hint::cold_path;
 use core::pin::Pin;
@@ -67,7 +67,6 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         // drop withdraws it.
         unsafe {
             let here = Here::now();
-            lists.note_user(D::SEND, LastUser::of(here.user()));
             let select_state = Some((select_state, guard));
             D::begin(this.node_pointer(), (here, None).into_node(), select_state);
             let mut locked = this.channel().guard_of(lists, here);

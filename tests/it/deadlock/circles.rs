@@ -183,6 +183,35 @@ fn one_that_has_used_a_channel_by_an_alternative_alone_is_named() {
     }
 }
 
+/// No guard was ready or listed: `skip` was chosen at once.
+#[test]
+fn one_that_has_offered_to_use_a_channel_is_named() {
+    let _watchdog = watchdog();
+    let mut system = strict("skip");
+    let main = system.executor("main").build().unwrap();
+    let (send, receive) = luna::channel::<u32>();
+    let (_keep, never) = luna::channel::<u32>();
+    main.process("chooser").spawn_ok(async move {
+        for _ in 0..100 {
+            luna::alt! {
+                n = receive.recv() => { n?; }
+                skip => {}
+            }
+        }
+        never.recv().await?;
+        drop(receive);
+        Ok(())
+    });
+    main.process("sender").priority(1).spawn_ok(async move {
+        send.send(1).await?;
+        Ok(())
+    });
+    let found = deadlock_of(&system);
+    let of_sender = found.waits.iter().find(|wait| wait.process == "sender");
+    let partner = &of_sender.expect("it waits").partner;
+    assert_eq!(*partner, Partner::Process("chooser".to_owned()), "{found}");
+}
+
 #[test]
 fn senders_and_alternatives_and_branches_are_named_too() {
     let _watchdog = watchdog();
