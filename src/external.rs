@@ -1,7 +1,7 @@
 //! External channels: a device, pipe, socket or terminal that is read and written as a channel.
 //!
-//! A *link* is a process between a file and a channel: [`input`](input()) reads records and sends them,
-//! [`output`](output()) receives values and writes them. The other side is an ordinary
+//! A *link* is a process between a file and a channel: [`input`](input()) reads records and sends
+//! them, [`output`](output()) receives values and writes them. The other side is an ordinary
 //! [`Receiver`](crate::Receiver) or [`Sender`](crate::Sender), with all that these can. A
 //! [`Framing`] defines how records lie in the bytes; [`FromBytes`] and [`ToBytes`] define what they
 //! mean, and a [`Frame`] has both for bytes as they are.

@@ -2,10 +2,10 @@
 //! ([`off_path`]), whether the system refused priority inheritance ([`refused_boosts`]), and how a
 //! program that a process starts gets back what its executor has given up ([`ordinary_child`]).
 //!
-//! A program that a process starts by `std::process` runs on the core that its executor or thread is
-//! pinned to, beside the real-time processes, and does not get SIGINT, SIGTERM, SIGHUP and SIGQUIT,
-//! which those threads block. It has an ordinary policy. `ordinary_child` lets it run on all cores
-//! of this program and take signals:
+//! A program that a process starts by `std::process` runs on the core that its executor or thread
+//! is pinned to, beside the real-time processes, and does not get SIGINT, SIGTERM, SIGHUP and
+//! SIGQUIT, which those threads block. It has an ordinary policy. `ordinary_child` lets it run on
+//! all cores of this program and take signals:
 //!
 //! ```
 //! use luna::prelude::*;

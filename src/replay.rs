@@ -67,8 +67,8 @@ impl System {
     }
 
     /// Lets recordings replace files that are there: their former content is lost. It holds for
-    /// [`record`](Self::record), `log_to` and `LUNA_LOG`. Without it a replay log that is there ends
-    /// the start, and a recording of the logger goes to a name with a number.
+    /// [`record`](Self::record), `log_to` and `LUNA_LOG`. Without it a replay log that is there
+    /// ends the start, and a recording of the logger goes to a name with a number.
     ///
     /// A file that another program writes is never replaced: that ends the start.
     ///

@@ -117,10 +117,10 @@ pub struct Report {
     pub logging: Option<LoggingReport>,
     /// The recording or replay, if there was one.
     pub record: Option<RecordReport>,
-    /// SIGINT, SIGTERM or SIGHUP came when the processes had ended and the emergency functions could
-    /// not run any more: it ended the wait for what records the run, and has no other effect, unless
-    /// the program has a handler of its own for it. A program that would run another system is to
-    /// end instead.
+    /// SIGINT, SIGTERM or SIGHUP came when the processes had ended and the emergency functions
+    /// could not run any more: it ended the wait for what records the run, and has no other effect,
+    /// unless the program has a handler of its own for it. A program that would run another system
+    /// is to end instead.
     pub late_signal: Option<i32>,
 }
 

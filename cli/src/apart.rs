@@ -1,5 +1,5 @@
-//! Programs of their own that `luna` starts, as cargo and git start theirs: `luna demo` is the program
-//! `luna-demo`.
+//! Programs of their own that `luna` starts, as cargo and git start theirs: `luna demo` is the
+//! program `luna-demo`.
 
 use crate::failure::{Failure, unusable};
 use std::env;

@@ -1,4 +1,5 @@
-//! The `luna` command: measurements of a machine, whether it is fit, projects, recordings and models.
+//! The `luna` command: measurements of a machine, whether it is fit, projects, recordings and
+//! models.
 
 mod apart;
 mod args;

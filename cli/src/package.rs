@@ -12,8 +12,8 @@ const BUILT_FROM: &str = env!("CARGO_MANIFEST_DIR");
 /// Where the user says that LUNA is.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Stated {
-    /// The checkout of LUNA that the package depends on [default: the one around the current folder,
-    /// else what this `luna` was built from]
+    /// The checkout of LUNA that the package depends on [default: the one around the current
+    /// folder, else what this `luna` was built from]
     #[arg(long, value_name = "PATH")]
     luna: Option<PathBuf>,
     /// The repository of the LUNA that the package depends on

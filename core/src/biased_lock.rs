@@ -342,8 +342,8 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// Locks in shared mode, or inside, if the bias to `me` was revoked briefly and has been restored
-    /// meanwhile.
+    /// Locks in shared mode, or inside, if the bias to `me` was revoked briefly and has been
+    /// restored meanwhile.
     ///
     /// # Safety
     ///

@@ -52,8 +52,8 @@ const ROUNDS_OF_LOOKING: u32 = 32;
 /// # Invariants
 ///
 /// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is
-/// busy, it announces what comes before [`LEAD`] after `armed`. The alarm is armed for `armed`, or has
-/// rung for it; [`Instant::NEVER`] if it is not armed.
+/// busy, it announces what comes before [`LEAD`] after `armed`. The alarm is armed for `armed`, or
+/// has rung for it; [`Instant::NEVER`] if it is not armed.
 pub(crate) struct Deadlines {
     shared: Arc<Shared>,
     timers: Arc<TimerQueue>,

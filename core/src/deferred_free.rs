@@ -76,8 +76,9 @@ pub unsafe fn free(head: NonNull<Retired>) {
     unsafe { (head.as_ref().free)(head) };
 }
 
-/// Frees all deferred allocations. A panic in a drop is reported by the panic hook, and the remaining allocations are freed all the same. Not for the
-/// real-time path: O(number of deferred allocations).
+/// Frees all deferred allocations. A panic in a drop is reported by the panic hook, and the
+/// remaining allocations are freed all the same. Not for the real-time path: O(number of deferred
+/// allocations).
 #[cfg_attr(
     not(feature = "std"),
     doc = "In an interrupt it does nothing: the program is to free."

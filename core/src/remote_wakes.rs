@@ -73,8 +73,8 @@ pub(crate) struct WakeSlot {
 
 impl WakeSlot {
     /// Marks the process as woken at `level`. Wait-free: one instruction or two, in this order, so
-    /// that a reader that finds a bit in the summary finds the word's. The caller, which has `first`
-    /// of the same owner, then signals the level.
+    /// that a reader that finds a bit in the summary finds the word's. The caller, which has
+    /// `first` of the same owner, then signals the level.
     #[inline]
     pub(crate) fn mark(&self, first: &FirstSlots, level: u8) {
         self.mark_word(first, level);

@@ -9,8 +9,8 @@
 //!   SIGPWR, SIGUSR1, SIGUSR2, SIGSTKFLT and the real-time signals, where the program neither
 //!   ignores them nor has a handler of its own when the first watch is made.
 //!
-//! They are handled on the [alternate stack](luna_platform::thread) of the thread that crashes, or that the
-//! kernel has chosen. The handler is async-signal-safe: it notes the signal, counts an
+//! They are handled on the [alternate stack](luna_platform::thread) of the thread that crashes, or
+//! that the kernel has chosen. The handler is async-signal-safe: it notes the signal, counts an
 //! [event](crate::signals::announce_event), and waits until all watches are
 //! [done](CrashSlot::announce_done), or their time is over. Then the former handler runs: the
 //! standard library's, which reports a stack overflow, or the default, so that the program ends by

@@ -3,7 +3,8 @@
 //! A page that is not in memory costs the thread that touches it some microseconds, or milliseconds
 //! if it must be read from a disk. [`lock_memory`] keeps every page of the process in memory, those
 //! to come included; [`prefault_heap`] faults in the pages of the heap before they are needed and
-//! makes the allocator keep them. Stacks are faulted in by [`thread::spawn`](luna_platform::thread::spawn).
+//! makes the allocator keep them. Stacks are faulted in by
+//! [`thread::spawn`](luna_platform::thread::spawn).
 //!
 //! Not for the real-time path.
 

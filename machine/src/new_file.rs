@@ -1,10 +1,10 @@
-//! Files that are made anew: what is there is not lost unless that is asked for, and two programs do
-//! not write one file.
+//! Files that are made anew: what is there is not lost unless that is asked for, and two programs
+//! do not write one file.
 //!
 //! Each is locked (`flock`) as long as it is open, so a file that another program has just begun is
 //! taken too, though nothing is in it yet. An empty file that nobody has locked counts as new. What
-//! is no regular file, such as `/dev/null` or a FIFO, has nothing to lose: it is opened as it is. Not
-//! for the real-time path: opening may wait for the disk, or for a FIFO's reader.
+//! is no regular file, such as `/dev/null` or a FIFO, has nothing to lose: it is opened as it is.
+//! Not for the real-time path: opening may wait for the disk, or for a FIFO's reader.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{Error, ErrorKind, Result};
@@ -17,8 +17,8 @@ const MOST: u32 = 10_000;
 ///
 /// # Errors
 ///
-/// [`AlreadyExists`](ErrorKind::AlreadyExists) if there is something in it, or another program writes
-/// it. Else the system's own.
+/// [`AlreadyExists`](ErrorKind::AlreadyExists) if there is something in it, or another program
+/// writes it. Else the system's own.
 ///
 /// ```
 /// use luna_machine::new_file;
@@ -63,8 +63,8 @@ pub fn create_numbered(path: &Path) -> Result<(PathBuf, File)> {
 ///
 /// # Errors
 ///
-/// [`WouldBlock`](ErrorKind::WouldBlock) if another program writes it: nothing is lost then. Else the
-/// system's own.
+/// [`WouldBlock`](ErrorKind::WouldBlock) if another program writes it: nothing is lost then. Else
+/// the system's own.
 pub fn replace(path: &Path) -> Result<File> {
     let mut options = OpenOptions::new();
     // What another program writes is not to be truncated, so it is locked first.

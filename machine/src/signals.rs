@@ -232,9 +232,9 @@ pub fn received() -> Option<i32> {
 }
 
 /// Lets SIGINT, SIGTERM, SIGHUP and SIGQUIT be handled on the calling thread, which blocked them
-/// since it was [made here](luna_platform::thread): for a thread of high priority that is to hear of them
-/// at once. One system call. It leaves out SIGHUP and SIGQUIT where the program handled or ignored
-/// them when [`HeldBack`] was made last.
+/// since it was [made here](luna_platform::thread): for a thread of high priority that is to hear
+/// of them at once. One system call. It leaves out SIGHUP and SIGQUIT where the program handled or
+/// ignored them when [`HeldBack`] was made last.
 pub fn accept_here() {
     backend::accept_here();
 }
@@ -245,10 +245,10 @@ pub fn refuse_here() {
 }
 
 /// Blocks what a write can raise on the calling thread, for good: SIGXFSZ (a file beyond
-/// `RLIMIT_FSIZE`), SIGPIPE (no reader is left) and SIGTTOU (a terminal that a background program may
-/// not write to, which would stop the whole program). The write fails then, or is done (SIGTTOU), and
-/// the caller counts the loss. For threads that only look: what they write must not end control. One
-/// system call.
+/// `RLIMIT_FSIZE`), SIGPIPE (no reader is left) and SIGTTOU (a terminal that a background program
+/// may not write to, which would stop the whole program). The write fails then, or is done
+/// (SIGTTOU), and the caller counts the loss. For threads that only look: what they write must not
+/// end control. One system call.
 ///
 /// ```
 /// luna_machine::signals::refuse_write_signals_here();

@@ -1,8 +1,8 @@
 //! Datagrams of a connected UDP socket: by calls that never wait, beside one that may.
 //!
 //! The socket stays in blocking mode. So one user of it can send without waiting in each cycle, and
-//! receive by a call that sleeps in the kernel: one system call for a datagram, where a file that is
-//! waited for takes three.
+//! receive by a call that sleeps in the kernel: one system call for a datagram, where a file that
+//! is waited for takes three.
 
 use crate::backend::socket as backend;
 use luna_platform::path::{self, Call};
@@ -18,8 +18,8 @@ use std::net::UdpSocket;
 /// # Errors
 ///
 /// The error of the system: [`WouldBlock`](ErrorKind::WouldBlock) if the socket's buffer is full,
-/// [`ConnectionRefused`](ErrorKind::ConnectionRefused) if no program has the address that an earlier
-/// datagram was sent to.
+/// [`ConnectionRefused`](ErrorKind::ConnectionRefused) if no program has the address that an
+/// earlier datagram was sent to.
 ///
 /// ```
 /// use std::net::UdpSocket;
@@ -54,8 +54,9 @@ pub fn receive_now(socket: &UdpSocket, to: &mut [u8]) -> Result<usize> {
     unless_interrupted(Call::File, || backend::receive_now(socket, to))
 }
 
-/// Receives the next datagram, cut to the size of `to`; sleeps in the kernel until there is one, for
-/// the socket's read timeout at most. For a thread that has nothing else to do: one system call.
+/// Receives the next datagram, cut to the size of `to`; sleeps in the kernel until there is one,
+/// for the socket's read timeout at most. For a thread that has nothing else to do: one system
+/// call.
 ///
 /// # Errors
 ///

@@ -3,9 +3,9 @@
 use core::time::Duration;
 use std::io::Result;
 
-/// What the kernel knows of its wall clocks, as the daemon that disciplines them (chrony, ptp4l with
-/// phc2sys, ntpd) has set it. The kernel lets the greatest error grow by 0.5 ms a second until the
-/// daemon states it again.
+/// What the kernel knows of its wall clocks, as the daemon that disciplines them (chrony, ptp4l
+/// with phc2sys, ntpd) has set it. The kernel lets the greatest error grow by 0.5 ms a second until
+/// the daemon states it again.
 ///
 /// ```
 /// use luna_machine::tai::Synchronization;

@@ -20,10 +20,10 @@ pub fn current_number() -> ThreadNumber {
     ThreadNumber(backend::current_number())
 }
 
-/// Lets the program that `command` starts run on all cores of this process and take signals, whatever
-/// thread starts it. Without it a child has what its thread has: the core that it is pinned to, and
-/// the signals SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. Its policy is an ordinary one in any
-/// case. Does nothing where threads are not pinned. Not for the real-time path.
+/// Lets the program that `command` starts run on all cores of this process and take signals,
+/// whatever thread starts it. Without it a child has what its thread has: the core that it is
+/// pinned to, and the signals SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. Its policy is an
+/// ordinary one in any case. Does nothing where threads are not pinned. Not for the real-time path.
 ///
 /// ```
 /// use luna_machine::threads::ordinary_child;
@@ -65,8 +65,9 @@ pub fn demote(thread: ThreadNumber) {
 }
 
 /// Until the guard is dropped, the calling thread runs before all threads of users: at SCHED_FIFO
-/// 98, or at the user's limit, if the program is allowed to. For some steps that the threads which they wake must not
-/// interrupt; start no thread meanwhile. Three system calls now, one when it is dropped.
+/// 98, or at the user's limit, if the program is allowed to. For some steps that the threads which
+/// they wake must not interrupt; start no thread meanwhile. Three system calls now, one when it is
+/// dropped.
 ///
 /// ```
 /// use luna_machine::threads::above_users;

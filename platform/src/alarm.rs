@@ -2,11 +2,11 @@
 //! that sets a bit of a word which the busy thread reads anyway.
 //!
 //! So a busy thread sees its deadlines without reading the clock. All alarms of a program have one
-//! thread, `luna-alarm`. It has SCHED_FIFO 98 or the user's limit, above the threads that it serves, and
-//! sleeps in a futex ([`DeadlineSleep`]): so it runs when its deadline comes, on every preemption
-//! model of the kernel, however busy the threads of the user are. Each deadline takes a few
-//! microseconds of a processor. Where the kernel keeps other threads before it, there is no alarm
-//! ([`Alarm::new`]): the busy thread then reads the clock itself.
+//! thread, `luna-alarm`. It has SCHED_FIFO 98 or the user's limit, above the threads that it
+//! serves, and sleeps in a futex ([`DeadlineSleep`]): so it runs when its deadline comes, on every
+//! preemption model of the kernel, however busy the threads of the user are. Each deadline takes a
+//! few microseconds of a processor. Where the kernel keeps other threads before it, there is no
+//! alarm ([`Alarm::new`]): the busy thread then reads the clock itself.
 
 use crate::clock::Instant;
 use crate::deadline_sleep::DeadlineSleep;

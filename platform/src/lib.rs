@@ -1,8 +1,8 @@
 //! The platform layer of LUNA.
 //!
-//! Processes, channels and executors call the system through this crate alone. Above it stand channels, executors and
-//! the framework itself, which see one interface whatever is below: each backend is a folder that
-//! defines the same names.
+//! Processes, channels and executors call the system through this crate alone. Above it stand
+//! channels, executors and the framework itself, which see one interface whatever is below: each
+//! backend is a folder that defines the same names.
 //!
 //! | backend | what it is | picked |
 //! | --- | --- | --- |

@@ -226,8 +226,8 @@ pub(super) struct Announcement {
 }
 
 impl Announcement {
-    /// Announces the system, with the addresses that it asked for, or if its environment asks. If that fails the system goes
-    /// on: nothing depends on being found.
+    /// Announces the system, with the addresses that it asked for, or if its environment asks. If
+    /// that fails the system goes on: nothing depends on being found.
     pub(super) fn of(plan: &Plan, asked: Option<Vec<(String, String)>>) -> Option<Self> {
         let by_variable = || {
             let value = std::env::var_os(VARIABLE)?;
@@ -435,8 +435,8 @@ mod tests {
         fs::remove_file(&path).unwrap();
     }
 
-    /// As another user may put there: files that everybody can write, links, and a FIFO, which would
-    /// keep waiting a program that opens it to read.
+    /// As another user may put there: files that everybody can write, links, and a FIFO, which
+    /// would keep waiting a program that opens it to read.
     #[cfg(unix)]
     #[test]
     fn what_another_user_may_have_put_there_is_not_read() {

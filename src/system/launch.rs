@@ -132,8 +132,8 @@ fn launch_described(
     if let Some(simulation) = &handle {
         emergency.simulate(simulation.clone());
     }
-    // The emergency manager takes signals, since it has a higher priority. They are held back as its
-    // threads start, and these start before any file is opened: it may not answer.
+    // The emergency manager takes signals, since it has a higher priority. They are held back as
+    // its threads start, and these start before any file is opened: it may not answer.
     let held_back = HeldBack::here();
     let (own, cores) = (emergency.clone(), &needs.cores);
     let guard = EmergencyThread::start(own, registry.clone(), needs.real_time, cores)?;

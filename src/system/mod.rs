@@ -280,11 +280,11 @@ impl System {
     }
 
     /// Records the [signals](crate::Signal) and [messages](crate::log::message()) of the system in
-    /// a new file at `path`, from the start to the end. If one is there it stays: this recording goes
-    /// to the first free of `run-2.luna`, `run-3.luna` and so on, which a line on standard error and
-    /// the report name, unless [`replace_recordings`](Self::replace_recordings) was called. `luna
-    /// convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost,
-    /// stands in [`Report::logging`](crate::Report::logging).
+    /// a new file at `path`, from the start to the end. If one is there it stays: this recording
+    /// goes to the first free of `run-2.luna`, `run-3.luna` and so on, which a line on standard
+    /// error and the report name, unless [`replace_recordings`](Self::replace_recordings) was
+    /// called. `luna convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what
+    /// was lost, stands in [`Report::logging`](crate::Report::logging).
     ///
     /// An ordinary thread writes the file. The processes write to rings of their threads, which is
     /// wait-free; a ring that is full drops what is new, and counts it.
@@ -369,11 +369,12 @@ impl System {
     }
 
     /// Lets other programs find the system while it runs: `luna list` shows it, with its executors
-    /// and what it can be reached at. So does [`announced_systems`](crate::inspect::announced_systems).
+    /// and what it can be reached at. So does
+    /// [`announced_systems`](crate::inspect::announced_systems).
     ///
-    /// The thread that runs the system writes a small file to the folder of shared memory before the
-    /// bodies are released, and removes it at the end. It costs the processes nothing. If the file
-    /// cannot be had, that is a line on standard error, and the system runs.
+    /// The thread that runs the system writes a small file to the folder of shared memory before
+    /// the bodies are released, and removes it at the end. It costs the processes nothing. If the
+    /// file cannot be had, that is a line on standard error, and the system runs.
     ///
     /// Where the program does not ask for it, the environment may: `LUNA_ANNOUNCE=1`.
     ///
@@ -491,9 +492,9 @@ impl System {
     ///
     /// # Errors
     ///
-    /// A [`SetupError`] if the system cannot be started (also if a signal comes while a file does not
-    /// answer: [`StartInterrupted`](SetupError::StartInterrupted)), is inside a process, or
-    /// has been run before; the first error of a `pre_run`, with its process' name; then
+    /// A [`SetupError`] if the system cannot be started (also if a signal comes while a file does
+    /// not answer: [`StartInterrupted`](SetupError::StartInterrupted)), is inside a process, or has
+    /// been run before; the first error of a `pre_run`, with its process' name; then
     /// [`report`](Self::report) returns the report. A panic or else the first error of a process,
     /// in the order of spawning, when all have ended: when a process fails the others go on. The
     /// returned error is not printed here too, unless the system goes on for a second without the

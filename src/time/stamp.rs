@@ -12,8 +12,8 @@ pub enum StampClock {
     /// measured offset. In a system on a virtual clock this is the system's time.
     #[default]
     Monotonic,
-    /// CLOCK_TAI: the same on all computers, as far as PTP or NTP keeps them together. It is refused
-    /// where nothing does.
+    /// CLOCK_TAI: the same on all computers, as far as PTP or NTP keeps them together. It is
+    /// refused where nothing does.
     Tai,
 }
 

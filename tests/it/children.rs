@@ -1,5 +1,5 @@
-//! What a program that a process starts has of its executor: its core and its blocked signals, unless
-//! it is started as an ordinary one.
+//! What a program that a process starts has of its executor: its core and its blocked signals,
+//! unless it is started as an ordinary one.
 
 #![cfg(all(target_os = "linux", not(luna_portable)))]
 

@@ -1,6 +1,6 @@
-//! SIGINT and SIGTERM while the start opens a file that does not answer, and while the end waits for
-//! one: each is taken at once, and the report of a run that is complete is not lost. Each system runs
-//! in a program of its own.
+//! SIGINT and SIGTERM while the start opens a file that does not answer, and while the end waits
+//! for one: each is taken at once, and the report of a run that is complete is not lost. Each
+//! system runs in a program of its own.
 
 #![cfg(all(
     target_os = "linux",

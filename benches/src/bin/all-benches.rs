@@ -5,9 +5,9 @@
 //!     [-- [--quick] [--only ring,switch] [--docs FOLDER] [--page]]
 //! ```
 //!
-//! The page is `docs/internals/benchmarks.md`, with its plots in `docs/internals/benchmarks`; a short run's (`--quick`)
-//! goes to `bench/docs` in the target folder, so that it does not replace a full one. `--only` runs
-//! some benches, and uses the others' last figures; `--page` runs none.
+//! The page is `docs/internals/benchmarks.md`, with its plots in `docs/internals/benchmarks`; a
+//! short run's (`--quick`) goes to `bench/docs` in the target folder, so that it does not replace a
+//! full one. `--only` runs some benches, and uses the others' last figures; `--page` runs none.
 
 use std::{
     env, fs,

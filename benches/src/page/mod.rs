@@ -1,5 +1,5 @@
-//! The pages of all benches' results: `docs/internals/benchmarks.md` with the goals, and a page for each bench
-//! in `docs/internals/benchmarks`, with a table and a plot for each scenario.
+//! The pages of all benches' results: `docs/internals/benchmarks.md` with the goals, and a page for
+//! each bench in `docs/internals/benchmarks`, with a table and a plot for each scenario.
 
 mod svg;
 

@@ -344,8 +344,8 @@ impl<'a> Choice<'_, 'a> {
             |number, offer, wait_point, lists| {
                 prepare(wait_point, lists);
                 if let Some(guard) = offer.guard_mut() {
-                    // SAFETY: the lists are those of the guard's wait point. The guard is new, since it
-                    // was not ready, and is withdrawn before the select state goes.
+                    // SAFETY: the lists are those of the guard's wait point. The guard is new,
+                    // since it was not ready, and is withdrawn before the select state goes.
                     unsafe { guard.list(lists, select_state, number as u32) };
                 }
             },

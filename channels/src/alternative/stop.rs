@@ -27,7 +27,8 @@ mod list {
 ///
 /// # Invariants
 ///
-/// Once `list` was called it is pinned and its node is there, and it is unlisted when it is dropped.
+/// Once `list` was called it is pinned and its node is there, and it is unlisted when it is
+/// dropped.
 #[derive(Debug)]
 #[repr(C)]
 pub(super) struct Stop {

@@ -287,8 +287,8 @@ impl<L: Lists> Locked<'_, Round, L> {
     }
 
     /// Completes the round if enough have come together with `more` unlisted parties. The waiting
-    /// parties are then to be [released](BarrierPoint::release), without the lock. O(parties that are
-    /// alternatives).
+    /// parties are then to be [released](BarrierPoint::release), without the lock. O(parties that
+    /// are alternatives).
     #[inline]
     fn complete_with(&mut self, more: usize) -> bool {
         let none_waits = self.arrived().is_empty() && self.offering().is_empty();
@@ -314,11 +314,11 @@ impl<L: Lists> Locked<'_, Round, L> {
     /// parties that have come and `more`. Those that have chosen another guard go off the list.
     #[inline(never)]
     fn commit_offering(&mut self, more: usize) -> bool {
-        // SAFETY: the lock is held, so the nodes are live waiters, and by `BarrierPoint`'s invariants
-        // lead to select states that need their commit lock, each to another one. These are live
-        // while their node is listed. So this thread enters each once, in their order, and leaves
-        // each once: with a guard only if it was open. A stale one is settled after it was taken
-        // off.
+        // SAFETY: the lock is held, so the nodes are live waiters, and by `BarrierPoint`'s
+        // invariants lead to select states that need their commit lock, each to another one. These
+        // are live while their node is listed. So this thread enters each once, in their order, and
+        // leaves each once: with a guard only if it was open. A stale one is settled after it was
+        // taken off.
         unsafe {
             let mut open = 0;
             let mut next = self.offering().first();

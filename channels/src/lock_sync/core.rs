@@ -105,8 +105,8 @@ impl Core {
         self.lock().state().permits
     }
 
-    /// Takes permits for the caller, if they are free and no waiter is as urgent. `holder` gives the
-    /// inheritor of the holder then, under the lock.
+    /// Takes permits for the caller, if they are free and no waiter is as urgent. `holder` gives
+    /// the inheritor of the holder then, under the lock.
     #[inline(always)]
     pub(super) fn take(
         &self,

@@ -22,10 +22,10 @@ pub(super) enum Cause {
 ///
 /// # Invariants
 ///
-/// While it is in a wait point's list, that wait point's lock guards `waiter`; a settled one belongs
-/// to its future. `cause` is guarded by the condition's lock. The other fields do not change between
-/// begin and end. If there is an `inheritor`, `of_process` is in the list of its waits meanwhile,
-/// under the lock of its executor's boosts.
+/// While it is in a wait point's list, that wait point's lock guards `waiter`; a settled one
+/// belongs to its future. `cause` is guarded by the condition's lock. The other fields do not
+/// change between begin and end. If there is an `inheritor`, `of_process` is in the list of its
+/// waits meanwhile, under the lock of its executor's boosts.
 #[repr(C)]
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
@@ -73,8 +73,8 @@ impl Entry {
         inheritor: Option<Inheritor>,
     ) {
         // SAFETY: it is room for an entry that no other thread accesses, as is demanded here. The
-        // entry is in no list. It stays until `end`, so `of_process` can be listed with the process;
-        // it is in no list yet.
+        // entry is in no list. It stays until `end`, so `of_process` can be listed with the
+        // process; it is in no list yet.
         unsafe {
             entry.write(Entry {
                 waiter: Waiter::empty(),

@@ -128,7 +128,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                     match plain {
                         Some(turn) => Waiter::begin_plain(self.waiter(), turn),
                         None => {
-                            // A waker is not cloned under the lock, but brought when it is released.
+                            // A waker is not cloned under the lock, but brought when it is
+                            // released.
                             let wake_handle = match looks {
                                 true => None,
                                 false => WakeHandle::without_waker(cx),

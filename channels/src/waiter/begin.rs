@@ -84,8 +84,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares the node of an operation that waits for itself alone, with all its fields, for being
-    /// [listed](luna_core::wait_list::WaitList::insert_again).
+    /// Prepares the node of an operation that waits for itself alone, with all its fields, for
+    /// being [listed](luna_core::wait_list::WaitList::insert_again).
     ///
     /// # Safety
     ///

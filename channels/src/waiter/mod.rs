@@ -81,8 +81,8 @@ pub(crate) struct Link {
     pub(crate) wait: WaitNode,
     pub(crate) outcome: AtomicU8,
     begun: Begun,
-    /// A settled extended receiver's, and a held sender's: number of the rendezvous. There if it was
-    /// begun in full, or is held.
+    /// A settled extended receiver's, and a held sender's: number of the rendezvous. There if it
+    /// was begun in full, or is held.
     pub(crate) ticket: u32,
     /// An alternative's: its select state, and the number of this guard. There if it was begun in
     /// full or as a guard. Before the value, since code that looks at it may not know the type of

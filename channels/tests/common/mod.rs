@@ -151,8 +151,8 @@ pub(crate) fn beside_a_ready_process<R>(level: u8, f: impl FnOnce() -> R) -> R {
     static METHODS: Methods = Methods::without_body(|_, _| {}, |_| {});
     let process = Process::new(ProcessId::new(), ExecutorId::new(), 0, level);
     let process = NonNull::from(&process);
-    // SAFETY: the process stays where it is, is never polled, and is taken out before it dies: it is
-    // the only one that is ready on this thread.
+    // SAFETY: the process stays where it is, is never polled, and is taken out before it dies: it
+    // is the only one that is ready on this thread.
     unsafe {
         Process::set_methods(process, &METHODS);
         process.as_ref().ready_at(level, QueueEnd::Back);

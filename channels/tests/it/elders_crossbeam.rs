@@ -480,8 +480,8 @@ fn what_may_stand_for_an_end_a_pattern_and_a_body() {
     assert!(nothing);
 }
 
-/// crossbeam: `reuse`, `both_ready`. The same guards, again and again, one that receives and one that
-/// sends, against a partner that waits for each in an order of its own.
+/// crossbeam: `reuse`, `both_ready`. The same guards, again and again, one that receives and one
+/// that sends, against a partner that waits for each in an order of its own.
 #[test]
 fn again_and_again() {
     let _watchdog = Watchdog::new();

@@ -4,8 +4,8 @@
 use luna::Report;
 use std::process::ExitCode;
 
-/// Whether what was to be recorded could be written; says on standard error where it could not be. A
-/// ring that had no room for a while is not meant: that is counted in the report.
+/// Whether what was to be recorded could be written; says on standard error where it could not be.
+/// A ring that had no room for a while is not meant: that is counted in the report.
 pub fn is_recorded(report: &Report) -> bool {
     let Some(logging) = &report.logging else {
         return true;

@@ -1,8 +1,8 @@
 //! What the programs of the command `luna` share: where measured processes run, how a run is
 //! printed, as text and as JSON, how a failure ends a program, and the files that are written.
 //!
-//! It is a part of `luna` and of the programs that `luna` starts, such as `luna-demo`, and changes with
-//! them.
+//! It is a part of `luna` and of the programs that `luna` starts, such as `luna-demo`, and changes
+//! with them.
 
 pub mod alloc;
 pub mod columns;
@@ -44,7 +44,8 @@ pub fn end(outcome: Result<ExitCode, Failure>) -> ExitCode {
     })
 }
 
-/// A file that reaches `RLIMIT_FSIZE` is an error of the write, which is reported, as a full disk is.
+/// A file that reaches `RLIMIT_FSIZE` is an error of the write, which is reported, as a full disk
+/// is.
 fn ignore_the_limit_of_files() {
     #[cfg(unix)]
     {

@@ -1,5 +1,5 @@
-//! Files that the command makes of others, or of a measurement: what is there is replaced on request
-//! alone, and a file of a result's name is a whole result.
+//! Files that the command makes of others, or of a measurement: what is there is replaced on
+//! request alone, and a file of a result's name is a whole result.
 
 use crate::failure::{Failure, failed, unusable};
 use std::fs::{self, File, OpenOptions};

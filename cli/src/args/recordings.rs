@@ -172,8 +172,8 @@ fn level(text: &str) -> Result<Messages, String> {
 Exit codes: it runs until a signal ends it, or with --once: 0 shown, 1 a recording is damaged; 2 bad arguments, files or addresses.")]
 pub(crate) struct Scope {
     /// The recording of the logger (.luna), as `System::log_to` or LUNA_LOG has made it; - reads it
-    /// from the standard input. Several recordings, of programs that ran at the same time, are shown
-    /// on one time axis
+    /// from the standard input. Several recordings, of programs that ran at the same time, are
+    /// shown on one time axis
     #[arg(value_name = "FILES", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Where to listen; there is no encryption, so that what is no loopback is for a network that
@@ -189,11 +189,12 @@ pub(crate) struct Scope {
     /// Play it so many times as fast as it was recorded, or max for all at once
     #[arg(long, value_name = "X", default_value = "1")]
     pub(crate) speed: luna_scope::Speed,
-    /// Show this picture of the machine, too: an SVG whose elements are bound to signals (docs/scope-pictures.md)
+    /// Show this picture of the machine, too: an SVG whose elements are bound to signals
+    /// (docs/scope-pictures.md)
     #[arg(long, value_name = "FILE")]
     pub(crate) picture: Option<PathBuf>,
-    /// Show the drawing of this model (.toml), animated by the recorded events: what each process does
-    /// and waits for, and how often each channel communicates
+    /// Show the drawing of this model (.toml), animated by the recorded events: what each process
+    /// does and waits for, and how often each channel communicates
     #[arg(long, value_name = "FILE", conflicts_with = "picture")]
     pub(crate) model: Option<PathBuf>,
     /// End with the recording, instead of showing its end until Ctrl-C

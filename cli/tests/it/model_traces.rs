@@ -1,5 +1,5 @@
-//! Each model of `examples/models`: generated, run and recorded, and the recording is a trace of the
-//! model. A changed model, or a recording with a communication too many, is rejected.
+//! Each model of `examples/models`: generated, run and recorded, and the recording is a trace of
+//! the model. A changed model, or a recording with a communication too many, is rejected.
 
 use crate::generate::{build, generate};
 use crate::model_trace::traced;

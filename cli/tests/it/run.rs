@@ -11,8 +11,8 @@ pub(crate) fn command(arguments: &[&str]) -> Command {
     command
 }
 
-/// The folder of the programs that `luna` starts: those that are built with these tests, and not what
-/// another build has left beside it.
+/// The folder of the programs that `luna` starts: those that are built with these tests, and not
+/// what another build has left beside it.
 pub(crate) fn programs() -> PathBuf {
     Path::new(env!("CARGO_BIN_EXE_luna")).with_file_name("examples")
 }

@@ -2,9 +2,9 @@
 //! executors take turns on one thread, in an order of their own.
 //!
 //! An executor id is unique (`entered`), and while an executor is not the present one nothing of it
-//! runs. So operations without atomics are still done by one thread, in one order. A wake from one of
-//! these executors to another is a remote wake. A lock that is biased to one of them is left before
-//! another has its turn, since a critical section does not await.
+//! runs. So operations without atomics are still done by one thread, in one order. A wake from one
+//! of these executors to another is a remote wake. A lock that is biased to one of them is left
+//! before another has its turn, since a critical section does not await.
 
 use super::executor_thread::{self, ExecutorThread};
 use super::{ExecutorId, RunQueue, THREAD, executor_id, set_on_path};

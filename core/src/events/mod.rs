@@ -2,8 +2,8 @@
 //!
 //! A thread that is traced has a [`Trace`], given to it before it runs processes ([`attach`]). An
 //! operation [reports](report) an event by its code, its subject and two numbers. The kernel keeps
-//! none of them: rings, names and time stamps are of `luna-events`, whose documentation describes the
-//! events.
+//! none of them: rings, names and time stamps are of `luna-events`, whose documentation describes
+//! the events.
 //!
 //! Without the feature `events` this costs no code and no memory. With it, a thread that is not
 //! traced executes one predictable branch for each event. On the fast path there is a single one,

@@ -112,8 +112,8 @@ mod on {
     #[must_use = "nothing is told any more when it is dropped"]
     pub struct Listening(());
 
-    /// Lets `namer` hear each process, channel, barrier, lock and loop that is named from now on, until
-    /// the result is dropped. All of a program have the namer of the first.
+    /// Lets `namer` hear each process, channel, barrier, lock and loop that is named from now on,
+    /// until the result is dropped. All of a program have the namer of the first.
     pub fn listen(namer: Namer) -> Listening {
         let _ = NAMER.set(namer);
         LISTENING.fetch_add(1, Ordering::Release);

@@ -25,8 +25,8 @@ use luna_platform::panics::catch_unwind;
 /// the clock for the rest.
 const EARLY: u64 = 1_000;
 
-/// A shorter sleep, in nanoseconds, is none: the way into the kernel and back may take longer, and a
-/// deadline that comes meanwhile is late by it. The thread reads the clock until the deadline
+/// A shorter sleep, in nanoseconds, is none: the way into the kernel and back may take longer, and
+/// a deadline that comes meanwhile is late by it. The thread reads the clock until the deadline
 /// instead.
 const SHORTEST_SLEEP: u64 = 10_000;
 
@@ -204,7 +204,8 @@ pub(super) fn sleep(shared: &Shared, deadline: Instant) {
     events::report_executor(events::code::AWAKE);
 }
 
-/// Whether it comes sooner than a sleep would end. Without an operating system a sleep ends at once.
+/// Whether it comes sooner than a sleep would end. Without an operating system a sleep ends at
+/// once.
 fn is_near(deadline: Instant) -> bool {
     cfg!(feature = "std")
         && deadline != Instant::NEVER

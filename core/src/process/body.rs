@@ -68,8 +68,8 @@ impl OfBody {
     }
 }
 
-// Of the functions below `process` is the pointer of a `Whole<F, B>`, as `body` requires; the rest of
-// what they require stands at `Methods`.
+// Of the functions below `process` is the pointer of a `Whole<F, B>`, as `body` requires; the rest
+// of what they require stands at `Methods`.
 
 /// Makes the future where it stays. If the builder panics, there is nothing any more.
 ///
@@ -78,8 +78,8 @@ impl OfBody {
 /// As for [`body`]: the pointer of a live whole that is not built, on its executor's thread.
 unsafe fn build<F: Future, B: FnOnce() -> F>(process: NonNull<Process>) {
     // SAFETY: the caller promises what `body` requires. There is no future yet that would be moved.
-    // The builder is moved out, and nothing is in its place before its room is used again. It may be
-    // large, so no room is moved.
+    // The builder is moved out, and nothing is in its place before its room is used again. It may
+    // be large, so no room is moved.
     unsafe {
         let room: *mut Body<F, F::Output, B> = body::<F, B>(process).get_unchecked_mut();
         if let Body::Unbuilt(build) = &*room {
@@ -220,8 +220,8 @@ fn drop_body<F: Future, B>(
 /// As for [`body`]: the pointer of a live whole whose body has ended with an exit value, which is
 /// the caller's. `to` is room for it.
 unsafe fn take_value<F: Future, B>(process: NonNull<Process>, to: *mut ()) {
-    // SAFETY: the caller promises a live whole, the body of which has ended, and that the exit value
-    // is this call's: so nothing else accesses the body, and no future is moved.
+    // SAFETY: the caller promises a live whole, the body of which has ended, and that the exit
+    // value is this call's: so nothing else accesses the body, and no future is moved.
     unsafe {
         let body = body::<F, B>(process).get_unchecked_mut();
         match mem::replace(body, Body::Empty) {

@@ -1,6 +1,6 @@
-//! How a process has ended, and the exit value until it is taken: what a process returns as it ends,
-//! for the code that reaps it. It is kept in the room of the body, since a process ends on the
-//! real-time path.
+//! How a process has ended, and the exit value until it is taken: what a process returns as it
+//! ends, for the code that reaps it. It is kept in the room of the body, since a process ends on
+//! the real-time path.
 
 use super::handle::{Exit, panic_message};
 use super::{Process, ProcessRef, state};
@@ -92,8 +92,8 @@ impl Process {
             return None;
         }
         let mut value = MaybeUninit::<O>::uninit();
-        // SAFETY: by the flag, which was taken, the exit value is there and this call's alone. It is
-        // of the type for which there is room, and is moved out once.
+        // SAFETY: by the flag, which was taken, the exit value is there and this call's alone. It
+        // is of the type for which there is room, and is moved out once.
         unsafe {
             (of_body.take_value)(self.whole(), value.as_mut_ptr().cast());
             Some(value.assume_init())

@@ -78,7 +78,8 @@ impl ProcessSpec {
         self
     }
 
-    /// Lists the process when it has ended, for [`ProcessRegistry::take_ended`](super::ProcessRegistry::take_ended).
+    /// Lists the process when it has ended, for
+    /// [`ProcessRegistry::take_ended`](super::ProcessRegistry::take_ended).
     #[must_use]
     #[inline]
     pub fn listed(mut self) -> Self {
@@ -86,7 +87,8 @@ impl ProcessSpec {
         self
     }
 
-    /// Makes its end unhurried, if it completes without an exit value: see [`ProcessRegistry::rest`](super::ProcessRegistry::rest).
+    /// Makes its end unhurried, if it completes without an exit value: see
+    /// [`ProcessRegistry::rest`](super::ProcessRegistry::rest).
     #[must_use]
     #[inline]
     pub fn unhurried(mut self) -> Self {
@@ -253,9 +255,9 @@ impl ProcessHandle {
         join::joiners(&self.0)
     }
 
-    /// The addresses of its body, while there is one that the process holds in place: where a report
-    /// may look for what the body holds. The body runs or goes meanwhile: nothing may be read there
-    /// but by the kernel.
+    /// The addresses of its body, while there is one that the process holds in place: where a
+    /// report may look for what the body holds. The body runs or goes meanwhile: nothing may be
+    /// read there but by the kernel.
     #[cfg(feature = "std")]
     pub fn addresses_of_body(&self) -> Option<Range<usize>> {
         let range = &self.0.methods().of_body.range;
@@ -277,8 +279,8 @@ impl ProcessHandle {
         &self.0.record.name
     }
 
-    /// Lets go of the room of its body, if it has ended and that room is large: for a handle that is
-    /// kept for long. An exit value is to be taken before. Not for the real-time path: it may
+    /// Lets go of the room of its body, if it has ended and that room is large: for a handle that
+    /// is kept for long. An exit value is to be taken before. Not for the real-time path: it may
     /// allocate.
     pub fn forget_body(&mut self) {
         if let Some(rest) = self.0.without_body() {

@@ -17,9 +17,9 @@
 //! A process is made with what builds its body, on any thread (`spawn`). It is built, polled, and
 //! its body dropped, on its executor's thread alone (`run`). It has ended when its body has; from
 //! then on it is in no queue. Its memory is freed when no reference to it remains: pending wakes,
-//! handles and wakers have one each ([`references`]). Memory that becomes free on the real-time path
-//! is freed off it (deferred free), except by a spawn: it frees the memory of the processes that
-//! have ended, as it allocates that of the new one.
+//! handles and wakers have one each ([`references`]). Memory that becomes free on the real-time
+//! path is freed off it (deferred free), except by a spawn: it frees the memory of the processes
+//! that have ended, as it allocates that of the new one.
 
 mod identity;
 mod references;
@@ -408,8 +408,8 @@ impl Process {
     /// The waker that readies this process from any thread.
     #[inline]
     pub fn waker(&self) -> Option<&Waker> {
-        // SAFETY: by the type's invariant it does not change from the first poll on, and is not read
-        // before.
+        // SAFETY: by the type's invariant it does not change from the first poll on, and is not
+        // read before.
         unsafe { (*self.waker.get()).as_ref() }
     }
 

@@ -1,4 +1,5 @@
-//! The part of a process that others see: its name, how it ended, and what is done around its polls.
+//! The part of a process that others see: its name, how it ended, and what is done around its
+//! polls.
 
 use super::end::Shown;
 use super::handle::ProcessSpec;
@@ -77,8 +78,8 @@ pub(super) unsafe fn free<W>(head: NonNull<Retired>) {
 /// The process has ended, and there is no reference to it. Its record frees the memory of which
 /// `process` is a pointer.
 pub(super) unsafe fn retire(process: NonNull<Process>) {
-    // SAFETY: the caller promises that the process is not used any more, and that the pointer is one
-    // to all of its memory.
+    // SAFETY: the caller promises that the process is not used any more, and that the pointer is
+    // one to all of its memory.
     unsafe {
         let retired = &raw mut (*process.as_ptr()).record.retired;
         deferred_free::retire(NonNull::new_unchecked(retired));
@@ -168,8 +169,8 @@ impl Process {
 ///
 /// # Invariants
 ///
-/// It is counted among those that are not the executor's, so the process is live. The pointer may be
-/// used for all of its memory.
+/// It is counted among those that are not the executor's, so the process is live. The pointer may
+/// be used for all of its memory.
 pub(crate) struct ProcessRef(pub(super) NonNull<Process>);
 
 // SAFETY: a process is used by shared references on any thread, and what frees it runs on any.
@@ -208,8 +209,8 @@ impl Drop for ProcessRef {
     #[inline]
     fn drop(&mut self) {
         if self.references.remove_elsewhere() {
-            // SAFETY: it was the last reference to a process that has ended; the pointer may be used
-            // for all of its memory.
+            // SAFETY: it was the last reference to a process that has ended; the pointer may be
+            // used for all of its memory.
             unsafe { Process::free(self.0) };
         }
     }

@@ -82,7 +82,8 @@ pub(super) unsafe fn ready_elsewhere(process: NonNull<Process>, level: u8) {
 ///
 /// This is its executor's thread, which has just built it.
 pub(super) unsafe fn start(process: NonNull<Process>) {
-    // SAFETY: the caller promises a process that has not ended, so it is live; it is not polled yet.
+    // SAFETY: the caller promises a process that has not ended, so it is live; it is not polled
+    // yet.
     let this = unsafe { process.as_ref() };
     if events::is_on() {
         this.notify(Notice::TRACED);
@@ -138,8 +139,8 @@ pub(crate) unsafe fn run(process: NonNull<Process>) -> Option<NonNull<Process>> 
 #[inline(never)]
 unsafe fn finish_turn(process: NonNull<Process>) {
     // SAFETY: the caller promises the executor's thread and a process whose turn is just over. Only
-    // `leave`, the last call, may free it. The poll is over, so nothing else accesses a body that has
-    // not ended, as `abandon` requires.
+    // `leave`, the last call, may free it. The poll is over, so nothing else accesses a body that
+    // has not ended, as `abandon` requires.
     unsafe {
         let this = process.as_ref();
         if this.has_failed() && !this.has_ended() {
@@ -227,9 +228,9 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
     let Some(process) = current::process(|process| process.map(Process::whole)) else {
         resume(payload);
     };
-    // SAFETY: it is the current process, with a turn of this thread's executor. Its poll has unwound,
-    // so nothing accesses its body, unless that has ended: then it belongs to those that take its
-    // exit value.
+    // SAFETY: it is the current process, with a turn of this thread's executor. Its poll has
+    // unwound, so nothing accesses its body, unless that has ended: then it belongs to those that
+    // take its exit value.
     unsafe {
         match process.as_ref().has_ended() {
             // Dropping the payload could panic in turn.
@@ -251,8 +252,8 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
 pub(crate) fn end_all(why: &str) {
     let mut number = 0;
     while let Some(process) = with_processes(|own| own.0.next(&mut number)) {
-        // SAFETY: by the invariant it is live and has not ended. This is its executor's thread, where
-        // no process has a turn: so nothing else accesses the body.
+        // SAFETY: by the invariant it is live and has not ended. This is its executor's thread,
+        // where no process has a turn: so nothing else accesses the body.
         unsafe {
             let this = process.as_ref();
             current::unqueue(this);

@@ -110,8 +110,8 @@ impl Unbuilt {
     /// Nothing is left of the builder, and this is not used any more.
     unsafe fn end(&self, outcome: u8, panic: Option<super::end::Payload>) {
         let process = self.process();
-        // SAFETY: by the invariant it was not built, and has not ended: so this is the only call. It
-        // lives until `end` frees it, if at all.
+        // SAFETY: by the invariant it was not built, and has not ended: so this is the only call.
+        // It lives until `end` frees it, if at all.
         unsafe {
             process.finish(outcome, panic);
             process.report();

@@ -66,8 +66,8 @@ impl Process {
         if self.yields_to_wake() {
             // It is queued when its turn is over.
         } else if current::executor_id() == Some(self.executor_id) {
-            // SAFETY: this is its executor's thread, which keeps it until it has ended, and takes it
-            // out of the queue then.
+            // SAFETY: this is its executor's thread, which keeps it until it has ended, and takes
+            // it out of the queue then.
             unsafe { self.ready_at(self.level(), QueueEnd::Back) };
         } else {
             // SAFETY: a caller that has a reference to it has a counted one, or is its executor's

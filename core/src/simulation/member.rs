@@ -135,8 +135,8 @@ impl Member {
                         events::report_executor(events::code::AWAKE);
                     }
                     taken += 1;
-                    // SAFETY: it was just popped from this thread's queue, where only live processes
-                    // are: those of this executor, which is entered.
+                    // SAFETY: it was just popped from this thread's queue, where only live
+                    // processes are: those of this executor, which is entered.
                     unsafe {
                         if let Some(next) = process::run(process) {
                             current::put_back(next);

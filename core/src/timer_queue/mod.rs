@@ -281,8 +281,8 @@ impl Sleep {
         Self::new(Instant::from_nanos(0) + time, true)
     }
 
-    /// As [`until`](Self::until), but by the owner of a shared `queue`. It ends early when the queue
-    /// is [closed](TimerQueue::close).
+    /// As [`until`](Self::until), but by the owner of a shared `queue`. It ends early when the
+    /// queue is [closed](TimerQueue::close).
     pub fn by(queue: &Arc<TimerQueue>, deadline: Instant) -> Self {
         let mut sleep = Self::until(deadline);
         sleep.queue = Some(queue.clone());

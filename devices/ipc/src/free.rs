@@ -1,5 +1,5 @@
-//! How much memory can be had for a file of shared memory. The kernel refuses what a file system has
-//! not, and no more: where the memory itself runs out it ends a process.
+//! How much memory can be had for a file of shared memory. The kernel refuses what a file system
+//! has not, and no more: where the memory itself runs out it ends a process.
 
 use luna_machine::facts::control_group::{file, group_two, mount_of_two};
 use nix::sys::statvfs::fstatvfs;

@@ -127,8 +127,8 @@ impl Session {
         self.name.text()
     }
 
-    /// Names the bound session in events: the same in both programs, and hardly ever that of another
-    /// session.
+    /// Names the bound session in events: the same in both programs, and hardly ever that of
+    /// another session.
     pub(crate) fn key(&self) -> u64 {
         // FNV-1a, over what no other session has at this time.
         let mix = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);

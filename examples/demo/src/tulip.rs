@@ -34,7 +34,8 @@ pub(crate) struct Arguments {
     /// are not real-time, or the operator as a program
     #[arg(long, value_name = "WHERE", default_value = "threads")]
     deploy: Deployment,
-    /// Where the operator listens, on another computer: `luna demo tulip-operator --listen ADDR` there
+    /// Where the operator listens, on another computer: `luna demo tulip-operator --listen ADDR`
+    /// there
     #[arg(long, value_name = "ADDR", conflicts_with_all = ["deploy", "on_virtual_clock"])]
     operator: Option<SocketAddr>,
     /// How long the robot runs, in seconds; it stands at the begin and at the end

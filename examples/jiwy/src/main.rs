@@ -1,5 +1,5 @@
-//! The camera for ten seconds: 51 processes at 1 kHz, with simulated motors, and how late their loop
-//! was. `luna demo` runs the same processes with options.
+//! The camera for ten seconds: 51 processes at 1 kHz, with simulated motors, and how late their
+//! loop was. `luna demo` runs the same processes with options.
 
 use luna::prelude::*;
 use luna_jiwy::joystick::Recording;

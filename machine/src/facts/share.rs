@@ -31,7 +31,8 @@ pub struct RealTimeShare {
 impl RealTimeShare {
     /// That of `core`, as far as `source` shows it; `None` if they may take all. Before Linux 6.12
     /// the kernel throttles real-time threads; since then a server of ordinary threads precedes
-    /// them, and root alone can read how much it takes. Budgets of control groups are not looked at.
+    /// them, and root alone can read how much it takes. Budgets of control groups are not looked
+    /// at.
     ///
     /// Not for the real-time path.
     ///
@@ -75,8 +76,8 @@ impl RealTimeShare {
         Ok((share.runtime < share.period).then_some(share))
     }
 
-    /// Whether a thread that had the core for `processor_time` in `elapsed` came to the limit, or to
-    /// within 2 % of it. A shorter time than a period shows nothing.
+    /// Whether a thread that had the core for `processor_time` in `elapsed` came to the limit, or
+    /// to within 2 % of it. A shorter time than a period shows nothing.
     pub fn is_reached(&self, processor_time: Duration, elapsed: Duration) -> bool {
         let share = self.runtime.as_secs_f64() / self.period.as_secs_f64();
         elapsed >= self.period

@@ -74,8 +74,8 @@ impl ParentWatch {
     }
 
     /// Blocks until `input` has data or has ended, or until the parent has ended. Returns whether
-    /// the input has something: what the parent had written before its end comes first. So a copy of
-    /// the parent that holds the other end of a pipe open cannot keep this process waiting.
+    /// the input has something: what the parent had written before its end comes first. So a copy
+    /// of the parent that holds the other end of a pipe open cannot keep this process waiting.
     pub fn wait_for_input(&self, input: BorrowedFd<'_>) -> bool {
         loop {
             let watched = [Some(input), self.parent.as_ref().map(AsFd::as_fd)];

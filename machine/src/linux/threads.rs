@@ -76,8 +76,8 @@ pub(crate) fn ordinary_child(command: &mut Command) {
     unsafe { command.pre_exec(ordinary) };
 }
 
-/// Sets the policy of the thread `number`, 0 for the calling thread. Direct system calls here: musl's
-/// functions of these names only fail.
+/// Sets the policy of the thread `number`, 0 for the calling thread. Direct system calls here:
+/// musl's functions of these names only fail.
 fn set_scheduler(number: i32, kind: i32, priority: i32) -> Result<(), Errno> {
     let mut parameter = zeroed_parameter();
     parameter.sched_priority = priority;

@@ -1,4 +1,5 @@
-//! Why the system refused an attribute: from its error number, and from what the machine's files say.
+//! Why the system refused an attribute: from its error number, and from what the machine's files
+//! say.
 
 use super::{CoreRefusal, PolicyRefusal, Shortfall};
 use crate::facts::control_group::{file, group_one, group_two, mount_of_one};
@@ -9,8 +10,8 @@ use std::fs;
 use std::io::{Error, ErrorKind};
 
 impl Shortfall {
-    /// What a thread was refused, and why, as far as this process can find out. Reads files; not for
-    /// the real-time path.
+    /// What a thread was refused, and why, as far as this process can find out. Reads files; not
+    /// for the real-time path.
     ///
     /// ```
     /// use luna_machine::shortfall::Shortfall;

@@ -30,11 +30,11 @@ static RUNNING: AtomicUsize = AtomicUsize::new(0);
 ///
 /// `handler` is `Send`, since it runs in another context than its caller.
 ///
-/// In it these may be called: `try_send` and `try_recv` of channels, a `Waker`, and all that reads. What
-/// waits panics there. What allocates or frees relies on an allocator that may be called from
-/// interrupts: that is making a channel, spawning, a send into a buffer that grows, and each drop of
-/// a value that owns memory. Values are dropped there when one displaces another in a buffer, and
-/// when the last receiver goes.
+/// In it these may be called: `try_send` and `try_recv` of channels, a `Waker`, and all that reads.
+/// What waits panics there. What allocates or frees relies on an allocator that may be called from
+/// interrupts: that is making a channel, spawning, a send into a buffer that grows, and each drop
+/// of a value that owns memory. Values are dropped there when one displaces another in a buffer,
+/// and when the last receiver goes.
 ///
 /// # Panics
 ///

@@ -90,8 +90,8 @@ pub(crate) mod clock {
 }
 
 pub mod fence {
-    //! The fences of biased locks: the contexts of one CPU see its stores in their order, so only the
-    //! compiler is kept from changing it.
+    //! The fences of biased locks: the contexts of one CPU see its stores in their order, so only
+    //! the compiler is kept from changing it.
 
     use core::sync::atomic::{Ordering, compiler_fence};
 
@@ -120,8 +120,8 @@ pub mod fence {
 pub mod inside {
     //! Whether the owner of a bias is inside a lock: then no interrupt comes.
     //!
-    //! So a context that revokes a bias never finds the owner inside, and never waits for it. What the
-    //! bias saves is the way through the shared lock.
+    //! So a context that revokes a bias never finds the owner inside, and never waits for it. What
+    //! the bias saves is the way through the shared lock.
 
     use super::critical;
     use core::sync::atomic::{AtomicBool, Ordering};
@@ -197,8 +197,8 @@ mod once {
         value: UnsafeCell<Option<T>>,
     }
 
-    // SAFETY: the value is written once, in a critical section, before it is marked as set, and then
-    // only read. One context may set it, and another drop it.
+    // SAFETY: the value is written once, in a critical section, before it is marked as set, and
+    // then only read. One context may set it, and another drop it.
     unsafe impl<T: Send + Sync> Sync for OnceLock<T> {}
 
     impl<T> OnceLock<T> {
@@ -230,8 +230,8 @@ mod once {
                 if self.is_set.load(Ordering::Relaxed) {
                     return Err(value);
                 }
-                // SAFETY: nothing reads it before it is marked as set, and nothing else writes it: this
-                // is a critical section.
+                // SAFETY: nothing reads it before it is marked as set, and nothing else writes it:
+                // this is a critical section.
                 unsafe { *self.value.get() = Some(value) };
                 self.is_set.store(true, Ordering::Release);
                 Ok(())

@@ -13,7 +13,8 @@ pub(crate) mod clock {
     use nix::time::{ClockId, clock_gettime};
     use std::time::Duration;
 
-    /// `CLOCK_MONOTONIC` in nanoseconds: the clock that futex deadlines, timerfd and cyclictest use.
+    /// `CLOCK_MONOTONIC` in nanoseconds: the clock that futex deadlines, timerfd and cyclictest
+    /// use.
     #[inline]
     pub(crate) fn monotonic_nanos() -> u64 {
         let mut now = libc::timespec {
@@ -111,8 +112,8 @@ pub(crate) mod futex {
 
     /// A 32-bit word that threads can wait on.
     ///
-    /// Change the word first, through [`word`](Self::word), then wake: a thread that is about to wait
-    /// sees the change or the wake.
+    /// Change the word first, through [`word`](Self::word), then wake: a thread that is about to
+    /// wait sees the change or the wake.
     #[derive(Debug)]
     #[repr(transparent)]
     pub struct Futex {
@@ -133,8 +134,8 @@ pub(crate) mod futex {
             &self.word
         }
 
-        /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]: without
-        /// end).
+        /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]:
+        /// without end).
         ///
         /// One system call. May end without a cause, so call it in a loop.
         pub fn wait(&self, expected: u32, deadline: Instant) -> Waited {
@@ -164,7 +165,8 @@ pub(crate) mod futex {
             }
         }
 
-        /// Wakes one waiting thread: the one of highest priority. One system call. Async-signal-safe.
+        /// Wakes one waiting thread: the one of highest priority. One system call.
+        /// Async-signal-safe.
         pub fn wake_one(&self) {
             self.wake(1);
         }

@@ -71,8 +71,9 @@ pub fn current_policy() -> Policy {
 /// The bit of CAP_SYS_NICE: may take any policy and priority.
 const CAP_SYS_NICE: u32 = 23;
 
-/// Whether the calling thread has the capability of this bit in effect; `None` if the kernel does not
-/// tell. One system call, which needs no file: a process that has too many open is no plain user.
+/// Whether the calling thread has the capability of this bit in effect; `None` if the kernel does
+/// not tell. One system call, which needs no file: a process that has too many open is no plain
+/// user.
 pub fn has_capability(capability: u32) -> Option<bool> {
     /// `struct __user_cap_header_struct`.
     #[repr(C)]

@@ -56,8 +56,8 @@ pub(crate) mod futex {
 
     /// A 32-bit word that threads can wait on.
     ///
-    /// Change the word first, through [`word`](Self::word), then wake: a thread that is about to wait
-    /// sees the change or the wake.
+    /// Change the word first, through [`word`](Self::word), then wake: a thread that is about to
+    /// wait sees the change or the wake.
     #[derive(Debug)]
     pub struct Futex {
         word: AtomicU32,
@@ -81,8 +81,8 @@ pub(crate) mod futex {
             &self.word
         }
 
-        /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]: without
-        /// end).
+        /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]:
+        /// without end).
         pub fn wait(&self, expected: u32, deadline: Instant) -> Waited {
             let guard = self.lock.lock().unwrap_or_else(PoisonError::into_inner);
             if self.word.load(Ordering::SeqCst) != expected {

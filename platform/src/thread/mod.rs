@@ -181,8 +181,8 @@ pub use backend::current_policy;
 /// ```
 pub use backend::highest_priority;
 
-/// Whether the calling thread has the capability of this bit in effect; `None` if the system does not
-/// tell. One system call, which needs no file.
+/// Whether the calling thread has the capability of this bit in effect; `None` if the system does
+/// not tell. One system call, which needs no file.
 ///
 /// ```
 /// use luna_platform::thread::{has_capability, highest_priority};

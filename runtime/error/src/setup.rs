@@ -278,8 +278,9 @@ pub enum SetupError {
         /// What was refused, why, and how to get it.
         shortfall: Shortfall,
     },
-    /// An emergency came, such as a signal, while the start waited for a file that did not answer: a
-    /// FIFO without a partner, or a file of a network that is gone. The emergency functions have run.
+    /// An emergency came, such as a signal, while the start waited for a file that did not answer:
+    /// a FIFO without a partner, or a file of a network that is gone. The emergency functions have
+    /// run.
     #[error(
         "the start was ended by {cause} while it waited to {what}, which did not answer; see that it does, or name another"
     )]

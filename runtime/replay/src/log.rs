@@ -1,5 +1,5 @@
-//! What LUNA's own crates record and replay: cycles of loops, and operations on files. It may change
-//! with each release.
+//! What LUNA's own crates record and replay: cycles of loops, and operations on files. It may
+//! change with each release.
 
 pub use crate::value::LONGEST;
 
@@ -10,7 +10,8 @@ use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// As [`input`](crate::input()), for bytes that `fill` writes: returns whether the recording gave them instead.
+/// As [`input`](crate::input()), for bytes that `fill` writes: returns whether the recording gave
+/// them instead.
 pub fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [u8])) -> bool {
     let name = name_of(name);
     match current::replay_log(|log| log.is_replay()) {

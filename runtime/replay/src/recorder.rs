@@ -268,8 +268,8 @@ impl Recorder {
         })
     }
 
-    /// Writes what is left. To be called when no process is left that could still end. Waits for the
-    /// file at most [`END_WITHIN`], and for [`PATIENCE`] once it `is_hurried`.
+    /// Writes what is left. To be called when no process is left that could still end. Waits for
+    /// the file at most [`END_WITHIN`], and for [`PATIENCE`] once it `is_hurried`.
     pub(crate) fn finish(
         &self,
         is_hurried: &dyn Fn() -> bool,

@@ -1,5 +1,5 @@
-//! The recording or the replay of one run, as a system begins and ends it. For LUNA's own crates: it
-//! may change with each release.
+//! The recording or the replay of one run, as a system begins and ends it. For LUNA's own crates:
+//! it may change with each release.
 
 pub use crate::recorder::ROOM;
 
@@ -124,7 +124,8 @@ impl ReplayLogs {
         }
     }
 
-    /// To be called when all processes have ended. Waits for the file, but not once it `is_hurried`.
+    /// To be called when all processes have ended. Waits for the file, but not once it
+    /// `is_hurried`.
     ///
     /// # Errors
     ///

@@ -102,9 +102,9 @@ impl Ledger {
         self.on_overrun() == OnOverrun::Emergency
     }
 
-    /// Looks for a poll or cycle that has lasted for longer than its budget at `now`, which was read
-    /// before this call. Returns when to look again, and whether one was found for the first time:
-    /// then the caller triggers the emergency. For the thread that runs the system.
+    /// Looks for a poll or cycle that has lasted for longer than its budget at `now`, which was
+    /// read before this call. Returns when to look again, and whether one was found for the first
+    /// time: then the caller triggers the emergency. For the thread that runs the system.
     pub(crate) fn look(&self, now: Instant) -> (Instant, bool) {
         if !self.is_watched() {
             return (Instant::NEVER, false);

@@ -250,8 +250,8 @@ impl Functions {
         report(limits.fold(Duration::ZERO, Duration::saturating_add));
     }
 
-    /// Does what there is to do for the worker with `duty`. `around` is called when a function begins
-    /// and when it has ended: it sets up what the system needs of the thread meanwhile.
+    /// Does what there is to do for the worker with `duty`. `around` is called when a function
+    /// begins and when it has ended: it sets up what the system needs of the thread meanwhile.
     pub(super) fn step(
         &self,
         duty: Leg,

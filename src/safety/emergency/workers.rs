@@ -40,8 +40,9 @@ pub(crate) use threads::EmergencyThread;
 /// How many are on duty from the start: one that runs a function, and one that watches it.
 const ON_DUTY: usize = 2;
 
-/// The members. Seven may hang, and the functions of the emergency run on: one runs, and one watches.
-/// If that one hangs too, the last worker runs nothing, since nothing would notice that it hangs.
+/// The members. Seven may hang, and the functions of the emergency run on: one runs, and one
+/// watches. If that one hangs too, the last worker runs nothing, since nothing would notice that it
+/// hangs.
 const MAX: usize = MAX_MEMBERS;
 
 /// How much longer a crash waits than the functions may take.

@@ -144,8 +144,8 @@ impl ProcessBuilder {
     /// wall, for about 50 ns a poll; [`OnOverrun`] sets what happens after a poll that took longer.
     ///
     /// A poll that never ends is found with [`OnOverrun::Emergency`] alone, by the thread that runs
-    /// the system; else use a [`Watchdog`](crate::safety::Watchdog). The time counts also while another thread has taken the processor: the report
-    /// separates the two.
+    /// the system; else use a [`Watchdog`](crate::safety::Watchdog). The time counts also while
+    /// another thread has taken the processor: the report separates the two.
     ///
     /// ```
     /// use luna::prelude::*;

@@ -240,8 +240,8 @@ impl Plan {
         Ok(self.deployment.set(read).map_err(|_| too_late())?)
     }
 
-    /// Decides whether there is a system file, before something is described: the program's, or that
-    /// of the environment.
+    /// Decides whether there is a system file, before something is described: the program's, or
+    /// that of the environment.
     pub(crate) fn begin_deployment(&self) -> Result<Option<&Deployment>> {
         if self.deployment.get().is_none() {
             let file = file::of_environment(deployment::VARIABLE);

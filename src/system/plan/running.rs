@@ -149,8 +149,9 @@ impl Member {
         self.is_late && matches!(self.on, On::Executor(_))
     }
 
-    /// The machine words of the process' own memory, some of which are addresses: a hint for reports.
-    /// What it holds behind a box is not among them, and what it has given away may still be.
+    /// The machine words of the process' own memory, some of which are addresses: a hint for
+    /// reports. What it holds behind a box is not among them, and what it has given away may still
+    /// be.
     pub(crate) fn words(&self) -> Vec<usize> {
         let body = self.handle.addresses_of_body();
         let mut words = body.map(copy_words).unwrap_or_default();

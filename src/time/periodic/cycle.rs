@@ -114,8 +114,8 @@ impl Periodic {
         (Some(run), Then::GoOn)
     }
 
-    /// Waits until the slot at `target`: asleep until its guard begins, then on the clock. Gives the
-    /// time that it read last.
+    /// Waits until the slot at `target`: asleep until its guard begins, then on the clock. Gives
+    /// the time that it read last.
     async fn wait_until_slot(&mut self, asked: Instant, target: Instant) -> Instant {
         if target <= asked {
             // Behind time: still a scheduling point, else it would keep the executor from timers,

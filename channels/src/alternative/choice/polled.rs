@@ -105,8 +105,8 @@ impl<'a> Choice<'_, 'a> {
             _former = self.select_state().commit_own(number);
         }
         if self.select_state().wakes_another(&turn.context()) {
-            // Rare: only combinators with wakers of their own come here. The drop of the former handle
-            // may make a guard ready.
+            // Rare: only combinators with wakers of their own come here. The drop of the former
+            // handle may make a guard ready.
             drop(self.select_state().replace_wake_handle(turn.wake_handle()));
         }
         match self.select_state().chosen() {

@@ -24,8 +24,8 @@ const BUSY: Duration = Duration::from_millis(20);
 const AFTER: Duration = Duration::from_millis(5);
 /// How often it is busy.
 const SPELLS: u32 = 3;
-/// If others had the core for longer, it was not the thread's alone. A host that takes the core away
-/// does not count: it lets nothing through.
+/// If others had the core for longer, it was not the thread's alone. A host that takes the core
+/// away does not count: it lets nothing through.
 const LONGEST_WAIT: Duration = Duration::from_millis(2);
 /// How often it is busy at most, if others had the core for longer.
 const TRIES: u32 = 10;

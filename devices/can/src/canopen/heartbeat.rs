@@ -81,8 +81,8 @@ impl Watch {
 /// It ends without an error when the controller has ended in order. With no
 /// [`OnMissed::Emergency`] it also ends when that fails, or when the receivers of its reports are
 /// gone. With one it goes on, for as long as anything else uses the network: readers of its reports
-/// that end or poison their channel end no watch, and after a failure of the controller no heartbeat
-/// can come, so the first that is due is missed.
+/// that end or poison their channel end no watch, and after a failure of the controller no
+/// heartbeat can come, so the first that is due is missed.
 ///
 /// Real-time path: yes; no allocation, O(watches) a heartbeat.
 #[derive(Debug)]

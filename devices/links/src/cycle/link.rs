@@ -191,8 +191,8 @@ impl<O: CycleData, I: CycleData> CycleLink<O, I> {
     ///
     /// # Errors
     ///
-    /// [`CycleError::Stale`]: none came until the limit after the last one, or where that has passed
-    /// already, after the call. The link can be used on. Others as for [`send`](Self::send).
+    /// [`CycleError::Stale`]: none came until the limit after the last one, or where that has
+    /// passed already, after the call. The link can be used on. Others as for [`send`](Self::send).
     pub async fn recv(&mut self) -> Result<Sample<I>, CycleError> {
         let deadline = self.deadline()?;
         if self.without_look > 0 {

@@ -33,7 +33,8 @@ fn signal(number: u32, element_type: Type, elements: u8, name: &str) -> Record<'
     })
 }
 
-/// A turn of process 9 in each even step, and a send into channel 9 by that process in each odd one.
+/// A turn of process 9 in each even step, and a send into channel 9 by that process in each odd
+/// one.
 fn event(step: u64, time: u64) -> Event {
     let (code, arguments) = match step % 2 {
         0 => (code::RUNNING, [0, 0]),

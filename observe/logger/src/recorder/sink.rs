@@ -114,8 +114,8 @@ impl FileSink {
     ///
     /// # Errors
     ///
-    /// [`WouldBlock`](io::ErrorKind::WouldBlock) if another program writes it: nothing is lost then.
-    /// Else the system's own, or that of [`check_name`](Self::check_name).
+    /// [`WouldBlock`](io::ErrorKind::WouldBlock) if another program writes it: nothing is lost
+    /// then. Else the system's own, or that of [`check_name`](Self::check_name).
     pub fn replace(path: &Path) -> io::Result<FileSink> {
         Self::check_name(path)?;
         new_file::replace(path).map(|file| Self::to(path.to_owned(), file))

@@ -30,9 +30,9 @@ impl EmergencyWorkers {
 }
 
 impl EmergencyWorkers {
-    /// The emergency's work is over. The first member that comes here takes signals on, until the run
-    /// is over: a sink that stalls may hold up the run, which looks for them, and a second one ends
-    /// the program.
+    /// The emergency's work is over. The first member that comes here takes signals on, until the
+    /// run is over: a sink that stalls may hold up the run, which looks for them, and a second one
+    /// ends the program.
     fn keep_signals(&self, member: u8) {
         let own = u32::from(member) + 1;
         let taken = self
@@ -175,8 +175,8 @@ fn of_emergency(able: u32, runs_of_safe_state: bool) -> Assignment {
     }
 }
 
-/// Whether a function of the safe state may begin: it leaves two workers to an emergency, until that
-/// is over.
+/// Whether a function of the safe state may begin: it leaves two workers to an emergency, until
+/// that is over.
 fn of_safe_state(able: u32, emergency: &FailoverSequence) -> Assignment {
     match able {
         0 | 1 => Assignment::GiveUp,

@@ -34,8 +34,8 @@ pub(crate) unsafe extern "C" fn sys_tick() {
     });
 }
 
-/// Never inlined into its caller, which turns the floating-point unit on: its registers may be saved
-/// at the begin.
+/// Never inlined into its caller, which turns the floating-point unit on: its registers may be
+/// saved at the begin.
 #[inline(never)]
 pub(crate) fn main() {
     // SAFETY: LUNA runs on this core alone, and the one handler calls it within `interrupt`.

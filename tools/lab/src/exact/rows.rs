@@ -68,7 +68,8 @@ sleep 0.5";
 /// sleep, which made 64 % once.
 const QUIET: f64 = 0.25;
 const BESIDE_OTHERS: f64 = 1.0;
-/// The same beside hackbench, whose longest sections are met by chance: they made half as much again.
+/// The same beside hackbench, whose longest sections are met by chance: they made half as much
+/// again.
 const LOADED: f64 = 0.6;
 /// The same of a busy executor's: one of 2 µs was three times as long where the alarm's thread came
 /// behind the deadline.

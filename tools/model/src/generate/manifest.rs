@@ -79,8 +79,8 @@ pub fn is_luna(manifest: &str) -> bool {
     name.and_then(|name| name.get_ref().as_str()) == Some("luna-rt")
 }
 
-/// A name that Cargo takes, made of another: lower-case letters, digits and `-`, a letter first. Where
-/// `name` has a meaning already, or begins with no letter, `prefix` comes before it.
+/// A name that Cargo takes, made of another: lower-case letters, digits and `-`, a letter first.
+/// Where `name` has a meaning already, or begins with no letter, `prefix` comes before it.
 #[must_use]
 pub fn package_name(name: &str, prefix: &str) -> String {
     let mut found = String::new();
