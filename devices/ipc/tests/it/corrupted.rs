@@ -8,8 +8,8 @@ use luna_ipc::any::AnyType;
 use luna_ipc::{Blackboard, Endpoint, look};
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 /// How many there are in one session; then all is opened anew.
@@ -78,8 +78,13 @@ async fn carried<L: luna::Process>(mut link: L, seen: Arc<Seen>) -> luna::Result
 type Ends = Vec<Box<dyn Fn() + Send>>;
 
 /// Opens each kind of channel in this program, both sides, as two programs would, and lets values
-/// go through until the end.
-fn session(names: &[String], stop: &Stop, seen: &Arc<Seen>) -> luna::Result<System> {
+/// go through until the end. Says through `begun` that the first one has.
+fn session(
+    names: &[String],
+    stop: &Stop,
+    seen: &Arc<Seen>,
+    begun: mpsc::Sender<()>,
+) -> luna::Result<System> {
     let [plain, texts, called, lent, shared] = names else {
         unreachable!("there are five");
     };
@@ -103,6 +108,7 @@ fn session(names: &[String], stop: &Stop, seen: &Arc<Seen>) -> luna::Result<Syst
     main.process("takes").spawn(async move {
         while receiver.recv().await.is_ok() {
             counts.values.fetch_add(1, Relaxed);
+            let _ = begun.send(()); // the test waits for the first only
         }
         Ok(())
     })?;
@@ -280,8 +286,11 @@ fn memory_that_a_partner_writes_over_at_random() {
         let kinds = ["plain", "serde", "calls", "lent", "board"];
         let names = kinds.map(|kind| channel_name(&format!("corrupted/{number}/{kind}")));
         let stop = Stop::default();
-        let system = session(&names, &stop, &seen).unwrap();
+        let (begun, has_begun) = mpsc::channel();
+        let system = session(&names, &stop, &seen, begun).unwrap();
         let running = std::thread::spawn(move || system.run().map(drop));
+        // On a loaded machine all would be written over before the first value is sent.
+        has_begun.recv().unwrap();
         let there = |name: &&String| cfg!(feature = "serde") || !name.ends_with("serde");
         let words: Vec<Words> = names
             .iter()
