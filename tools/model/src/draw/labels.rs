@@ -16,13 +16,23 @@ const FURTHEST: f64 = 0.42;
 const STEPS: u32 = 10;
 
 /// What is in the way of labels.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Taken {
+    /// All that is drawn lies in it.
+    frame: Area,
     areas: Vec<Area>,
     cells: HashMap<(i64, i64), Vec<usize>>,
 }
 
 impl Taken {
+    pub(super) fn within(frame: Area) -> Self {
+        Self {
+            frame,
+            areas: Vec::new(),
+            cells: HashMap::new(),
+        }
+    }
+
     /// Nothing may stand there from now on.
     pub(super) fn take(&mut self, area: Area) {
         for cell in cells(&area) {
@@ -31,11 +41,12 @@ impl Taken {
         self.areas.push(area);
     }
 
-    /// How much of an area is taken.
+    /// How much of an area is taken, or outside.
     fn covered(&self, area: &Area) -> f64 {
         let near = cells(area).filter_map(|cell| self.cells.get(&cell));
         let parts = near.flatten().map(|&one| common(&self.areas[one], area));
-        parts.sum()
+        let outside = area.width * area.height - common(&self.frame, area);
+        parts.sum::<f64>() + outside.max(0.0)
     }
 
     /// The middle of the base line of a text on a way. It is taken then.
@@ -67,7 +78,7 @@ impl Taken {
             if covered < best.0 {
                 best = (covered, place);
             }
-            if covered == 0.0 {
+            if covered < 0.01 {
                 break;
             }
         }

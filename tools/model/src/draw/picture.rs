@@ -58,8 +58,8 @@ pub(super) fn arrows(network: &Network) -> Vec<Arrow> {
     arrows.collect()
 }
 
-/// A box around others: the system, a part that is made of parts, or processes whose names begin
-/// with the same word.
+/// A box around others: the system, a part that is made of parts, or processes whose names differ
+/// in their last word alone.
 #[derive(Debug)]
 pub(super) struct Group<'a> {
     pub(super) name: &'a str,
@@ -76,8 +76,8 @@ pub(super) struct Groups<'a> {
     pub(super) of: Vec<usize>,
 }
 
-/// So many processes in one box are too many to be told apart: those whose names begin with the same
-/// word are put together.
+/// So many processes in one box are too many to be told apart: those whose names differ in their last
+/// word alone are put together.
 const MANY: usize = 12;
 
 /// The groups of the model, and those of names.
@@ -98,15 +98,15 @@ pub(super) fn groups(network: &Network) -> Groups<'_> {
         if within.len() < MANY || within.iter().any(is_placed) {
             continue;
         }
-        let mut by_word: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        let mut by_words: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for &process in &within {
             let name = short(&network.processes[process].name);
-            if let Some((word, _)) = name.split_once(['_', ' ', '/']) {
-                by_word.entry(word).or_default().push(process);
+            if let Some((words, _)) = name.rsplit_once(['_', ' ', '/']) {
+                by_words.entry(words).or_default().push(process);
             }
         }
-        by_word.retain(|_, processes| (2..within.len()).contains(&processes.len()));
-        for (name, processes) in by_word {
+        by_words.retain(|_, processes| (2..within.len()).contains(&processes.len()));
+        for (name, processes) in by_words {
             for process in processes {
                 groups.of[process] = groups.all.len();
             }

@@ -62,7 +62,7 @@ pub(crate) fn svg(network: &Network) -> String {
         );
     }
     let ways = ways(&layout.processes, &arrows);
-    let mut taken = Taken::default();
+    let mut taken = Taken::within(all);
     let titles = groups.all.iter().zip(&layout.groups);
     for area in layout.processes.iter().copied().chain(titles.map(title)) {
         taken.take(area);

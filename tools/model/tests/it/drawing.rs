@@ -199,7 +199,7 @@ fn no_line_goes_through_a_box_and_no_label_stands_on_one() {
 /// As `luna model from` writes it: all processes side by side.
 #[test]
 fn many_processes_stand_together_by_their_names() {
-    let parts = ["feeder", "belt", "robot"].map(|unit| {
+    let parts = ["feeder", "feeder_belt", "robot"].map(|unit| {
         let part = |what| format!("{unit}_{what} = {{ process = \"P\" }}\n");
         ["safety", "control", "command", "motor"].map(part).concat()
     });
