@@ -1,4 +1,4 @@
-// What is connected with what, and where the lines go.
+// What is connected with what.
 
 /** The channel or port of a text such as `left[(i + 1) % 5]`. */
 export const base = (text) => text.split("[")[0].trim();
@@ -23,16 +23,6 @@ export function connected(scope, processes) {
     }
   }
   return [...wires.values()];
-}
-
-/** A line from a sender's port downwards to a receiver's, with its label at a share of its way. */
-export function line([x1, y1], [x2, y2], share = 0.5) {
-  const bend = Math.max(30, Math.min(120, Math.abs(y2 - y1) / 2));
-  const side = y2 > y1 ? 0 : Math.abs(x2 - x1) < 60 ? 70 : 0;
-  const d = `M${x1} ${y1}C${x1 + side} ${y1 + bend} ${x2 + side} ${y2 - bend} ${x2} ${y2}`;
-  const rest = 1 - share;
-  const at = (a, b, c, e) => rest ** 3 * a + 3 * rest * rest * share * b + 3 * rest * share * share * c + share ** 3 * e;
-  return { d, x: at(x1, x1 + side, x2 + side, x2), y: at(y1, y1 + bend, y2 - bend, y2) };
 }
 
 /** The channels that no port is bound to after some were unbound. */
