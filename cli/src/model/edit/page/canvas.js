@@ -2,7 +2,7 @@
 // dragged, a frame changes this box and its own lines, and nothing else.
 
 import { pointAt, placeLabel, way } from "./ways.js";
-import { connected } from "./wires.js";
+import { canMeet, connected } from "./wires.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const GRID = 4;
@@ -119,8 +119,9 @@ export class Canvas {
     if (!channel && !(send.length && receive.length)) return;
     const holds = channel?.keys.find(([key]) => key === "buffer")?.[1];
     const array = channel?.keys.find(([key]) => key === "array")?.[1];
-    const label = `${name}${array ? `[${array}]` : ""}${holds ? ` (${holds})` : ""}`;
-    const pairs = send.flatMap((from) => receive.map((to) => [from, to]));
+    const held = holds ? ` (${holds})` : "";
+    const label = `${name}${array ? `[${array}]` : ""}${held}`;
+    const pairs = send.flatMap((from) => receive.filter((to) => canMeet(from, to)).map((to) => [from, to]));
     const open = pairs.length ? [] : [...send.map((from) => [from, null]), ...receive.map((to) => [null, to])];
     const all = [...pairs, ...open];
     all.forEach(([from, to], number) => {
@@ -129,7 +130,9 @@ export class Canvas {
       if (number === 0) g.setAttribute("tabindex", 0);
       const path = make("path");
       // Beside each other, if they have the same ends.
-      const text = make("text", {}, number === 0 || all.length < 4 ? label : "");
+      const element = from?.element ?? to?.element ?? null;
+      const own = element === null ? label : `${name}[${element}]${held}`;
+      const text = make("text", {}, number === 0 || all.length < 4 || element !== null ? own : "");
       g.append(path, text);
       this.wiresGroup.append(g);
       const wire = { id, g, path, text, from, to, number: this.wires.size };

@@ -242,5 +242,11 @@ class Editor {
   }
 }
 
+// As the browser's, also when that changes.
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const theme = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };
+dark.addEventListener("change", theme);
+theme();
+
 window.editor = new Editor();
 await window.editor.start();

@@ -3,6 +3,12 @@
 /** The channel or port of a text such as `left[(i + 1) % 5]`. */
 export const base = (text) => text.split("[")[0].trim();
 
+/** The element of an array that a text such as `blocks[3]` names; null if it is computed, or none. */
+const elementOf = (text) => /\[\s*(\d+)\s*\]$/.exec(text)?.[1] ?? null;
+
+/** Whether two ends can be those of one channel of an array. */
+export const canMeet = (from, to) => from.element === null || to.element === null || from.element === to.element;
+
 export const get = (pairs, key) => pairs.find(([name]) => name === key)?.[1];
 
 /** A scope's channels with their ends: boxes' names and ports. */
@@ -12,14 +18,14 @@ export function connected(scope, processes) {
   for (const [name, side] of scope.ports) {
     // Within, the port is the other end.
     const wire = { channel: null, name, send: [], receive: [] };
-    wire[side === "send" ? "receive" : "send"].push({ box: `port ${name}`, port: name });
+    wire[side === "send" ? "receive" : "send"].push({ box: `port ${name}`, port: name, element: null });
     wires.set(name, wire);
   }
   for (const part of scope.parts) {
     for (const [port, text] of part.bind) {
       const side = sides.get(part.process)?.get(port);
       const wire = wires.get(base(text));
-      if (side && wire) wire[side].push({ box: `part ${part.name}`, port });
+      if (side && wire) wire[side].push({ box: `part ${part.name}`, port, element: elementOf(text) });
     }
   }
   return [...wires.values()];
