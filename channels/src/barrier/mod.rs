@@ -28,7 +28,7 @@ use crate::inspect::WaitPointKind;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::Lists;
-use crate::waiter::Waiter;
+use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Here, PendingWake, User};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitList;
@@ -229,7 +229,7 @@ impl BarrierPoint {
                 && Waiter::wake_here(first.cast::<Waiter<()>>(), here)
             {
                 released.remove_first(first);
-                Waiter::settle_plain(first.cast::<Waiter<()>>());
+                Waiter::set_outcome(first.cast::<Waiter<()>>(), Outcome::Done);
                 left -= 1;
             }
         }
@@ -237,7 +237,7 @@ impl BarrierPoint {
             return false;
         };
         // SAFETY: it was in the list, so it is a live waiter, and the lock is held.
-        let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
+        let ready = unsafe { Waiter::settle(node.cast::<Waiter<()>>(), Outcome::Done) };
         drop(locked);
         self.wake(ready);
         true
@@ -334,7 +334,7 @@ impl<L: Lists> Locked<'_, Round, L> {
                     select_state.as_ref().leave(None);
                     self.offering().remove(node);
                     // An alternative's node holds no wake handle until it is chosen.
-                    Waiter::settle_stale(waiter);
+                    Waiter::set_outcome(waiter, Outcome::Stale);
                 }
             }
             let round = self.state();

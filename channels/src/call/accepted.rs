@@ -2,7 +2,7 @@
 
 use super::Message;
 use crate::end::End;
-use crate::waiter::Outcome;
+use crate::waiter::{Outcome, Waiter};
 use core::fmt;
 use core::ops::{Deref, DerefMut};
 use luna_core::current::Inheritor;
@@ -138,15 +138,13 @@ impl<Q, A> Reply<'_, Q, A> {
     fn finish(&mut self, message: Message<Q, A>) -> Option<Message<Q, A>> {
         let mut message = Some(message);
         let ticket = core::mem::take(&mut self.ticket);
-        if ticket != 0 {
-            self.end.channel().finish_held(ticket, |client| {
-                if let Some(message) = message.take() {
-                    // SAFETY: a held sender's node holds no value; the lock is held.
-                    unsafe { client.as_ref().put_value(message) };
-                }
-                Outcome::Answered
-            });
-        }
+        self.end.channel().finish_held(ticket, |client| {
+            if let Some(message) = message.take() {
+                // SAFETY: a held sender's node holds no value; the lock is held.
+                unsafe { Waiter::put_value_of(client, message) };
+            }
+            Outcome::Answered
+        });
         message
     }
 }

@@ -1,19 +1,11 @@
 //! The calling end.
 
 use super::{CallError, Message};
-use crate::core::{Attempted, ChannelGuard};
 use crate::ended::Ended;
-use crate::operation::{Direction, Node, Operation};
-use crate::select_state::SelectState;
+use crate::operation::{Direction, Operation};
 use crate::sender::Sender;
-use crate::source::InNode;
-use crate::wait_point::WaitQueues;
-use crate::waiter::{Begun, Outcome, Waiter};
+use crate::waiter::{Outcome, Waiter};
 use core::fmt;
-use core::ops::DerefMut;
-use core::ptr::NonNull;
-use core::task::Context;
-use luna_core::wait_list::WaitNode;
 
 /// The calling end of a [`call_channel`](crate::call_channel). Any number of clones, on any
 /// threads, may call at the same time.
@@ -179,37 +171,6 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
     // Servers hold their clients.
     const PLAIN: bool = false;
     const ANSWERED: bool = true;
-
-    #[inline]
-    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
-        node: NonNull<Node<Message<Q, A>, Self>>,
-        locked: &mut ChannelGuard<'_, Message<Q, A>, L>,
-        cx: Option<&Context<'_>>,
-    ) -> Attempted {
-        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
-        // future knows it, and it holds its request. With `cx` it stays. It begins with its waiter,
-        // as that of a send of what is in the node does, which looks at nothing else.
-        unsafe { locked.send_now::<InNode>(node.cast(), cx) }
-    }
-
-    #[inline]
-    unsafe fn begin(
-        node: NonNull<Node<Message<Q, A>, Self>>,
-        wait: WaitNode,
-        select_state: Option<(NonNull<SelectState>, u32)>,
-    ) {
-        // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
-        // its future knows it.
-        unsafe {
-            Waiter::begin_as(
-                node.cast::<Waiter<Message<Q, A>>>(),
-                wait,
-                Begun::InFull,
-                select_state,
-                None,
-            )
-        };
-    }
 
     fn refused(call: &mut CallOp<'_, Q, A>, outcome: Outcome) -> Option<CallError<Q>> {
         match outcome {

@@ -10,7 +10,6 @@ use crate::wait_point::Ending;
 use crate::waiter::{Begun, Outcome, Waiter};
 use core::ptr::NonNull;
 use luna_core::current::{Inheritor, Priority};
-use luna_platform::sync::atomic::Ordering;
 
 /// The client is held until it is answered, and its priority is inherited.
 #[derive(Debug)]
@@ -80,13 +79,9 @@ impl<T> Channel<T> {
     /// the value is dropped. O(held senders), and O(waiting senders of higher priority).
     fn wait_again(&self, value: T, ticket: u32) {
         let mut locked = self.lock();
-        let mut held = locked.lists.held.nodes();
-        // SAFETY: a node in the list is a live waiter that the lock guards.
-        let sender =
-            held.find(|node| unsafe { (*Waiter::<T>::link(node.cast())).ticket == ticket });
-        drop(held);
+        let is_poisoned = locked.lists.ending == Ending::Poisoned;
         // Else the sender is gone. Poisoning the channel releases it too.
-        let Some(sender) = sender.filter(|_| locked.lists.ending != Ending::Poisoned) else {
+        let Some(sender) = locked.held(ticket).filter(|_| !is_poisoned) else {
             drop(locked);
             return drop(value);
         };
@@ -94,24 +89,20 @@ impl<T> Channel<T> {
         // value, nor does a receiver before it is done.
         unsafe {
             if let Some(receiver) = locked.commit_receiver(true) {
-                receiver.as_ref().put_value(value);
+                Waiter::put_value_of(receiver, value);
                 (*Waiter::link(receiver)).ticket = ticket;
-                boost_to_receiver(receiver, sender.as_ref().priority());
+                boost_to_receiver(receiver, (*Waiter::link(sender)).wait.priority());
                 let ready = Waiter::settle(receiver, Outcome::Done);
                 drop(locked);
                 ready.wake();
                 return;
             }
-            locked.lists.held.remove(sender);
-            let waiter = sender.cast::<Waiter<T>>();
-            let link = Waiter::link(waiter);
-            waiter.as_ref().put_value(value);
+            locked.lists.held.remove(sender.cast());
+            Waiter::put_value_of(sender, value);
             // Its alternative has chosen it for good: no partner may commit that again.
-            Waiter::leave_select_state(waiter);
-            (*link)
-                .outcome
-                .store(Outcome::Waiting as u8, Ordering::Release);
-            locked.lists.senders.insert_again_first(sender);
+            Waiter::leave_select_state(sender);
+            Waiter::set_outcome(sender, Outcome::Waiting);
+            locked.lists.senders.insert_again_first(sender.cast());
             locked.boost_while_they_wait();
         }
     }

@@ -79,7 +79,7 @@ impl<T> Channel<T> {
             } else if let Some(node) = lists.held.pop() {
                 // It has communicated, whatever comes after; poisoning wakes every
                 // waiter. SAFETY: the node was in the list, and the lock is held.
-                unsafe { Waiter::release(node.cast::<Waiter<T>>()) }
+                unsafe { Waiter::settle(node.cast::<Waiter<T>>(), Outcome::Done) }
             } else if let Some(ready) = take_watcher(lists) {
                 ready
             } else {

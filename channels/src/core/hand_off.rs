@@ -144,59 +144,23 @@ impl<T> Channel<T> {
         let stays = AbortOnDrop;
         spin::look(|| !hand_off_slots.is_waiting(side));
         core::mem::forget(stays);
+        // Taking the lock lists an operation that still waits on a hand-off slot.
+        let locked = (!hand_off_slots.is_done(side)).then(|| self.lock());
+        let is_done = hand_off_slots.is_done(side);
         // SAFETY: the operation waited on this slot with this node, and this is its poll, as is
-        // demanded here. The slot's state says whether it is done; only this poll leaves that
-        // state.
+        // demanded here. From `DONE` on the partner touches neither the node nor the slot: both are
+        // this future's. A value with room that it received lies in the slot, and none in its node.
         unsafe {
-            if hand_off_slots.is_done(side) {
-                self.leave_done(node, side);
-                return Outcome::Done;
-            }
-            self.leave_for_list(node, side, cx)
-        }
-    }
-
-    /// # Safety
-    ///
-    /// As for [`look_from_slot`](Self::look_from_slot): it waited on this slot with this node, and
-    /// this is its poll. It is done.
-    #[inline]
-    unsafe fn leave_done(&self, node: NonNull<Waiter<T>>, side: Side) {
-        let hand_off_slots = &self.wait_point.hand_off_slots;
-        // SAFETY: from `DONE` on the partner touches neither the node nor the slot: both are this
-        // future's. A value with room that it received lies in the slot, and none in its node.
-        unsafe {
-            if side == Side::Receiver && has_room::<T>() {
+            if is_done && side == Side::Receiver && has_room::<T>() {
                 Waiter::put_value_of(node, hand_off_slots.take(side));
             }
         }
         hand_off_slots.leave(side);
-    }
-
-    /// # Safety
-    ///
-    /// As for [`look_from_slot`](Self::look_from_slot): it waited on this slot with this node, and
-    /// this is its poll.
-    #[cold]
-    unsafe fn leave_for_list(
-        &self,
-        node: NonNull<Waiter<T>>,
-        side: Side,
-        cx: &Context<'_>,
-    ) -> Outcome {
-        // Taking the lock lists an operation that still waits on a hand-off slot.
-        let locked = self.lock();
-        // SAFETY: taking the lock has listed the operation, if another one had not, or it was done
-        // before: the state says which. One that was listed here was not withdrawn, as
-        // `renew_wake_handle` demands, and `locked` is this channel's.
-        unsafe {
-            if self.wait_point.hand_off_slots.is_done(side) {
-                drop(locked);
-                self.leave_done(node, side);
-                return Outcome::Done;
-            }
-            self.wait_point.hand_off_slots.leave(side);
-            self.renew_wake_handle(Some(locked), node, Renewal::of(cx))
+        if is_done {
+            return Outcome::Done;
         }
+        // SAFETY: it was listed, here or by another operation, and not withdrawn; `locked` is this
+        // channel's.
+        unsafe { self.renew_wake_handle(locked, node, Renewal::of(cx)) }
     }
 }

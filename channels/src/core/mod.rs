@@ -232,15 +232,13 @@ impl<T> Channel<T> {
             };
             list.remove(node.cast());
             locked.boost_while_they_wait();
-            let link = Waiter::link(node);
-            let former = (*link).wait.wake_handle_mut().take();
-            let now = if outcome == Outcome::Held {
+            let former = (*Waiter::link(node)).wait.wake_handle_mut().take();
+            let now = match outcome {
                 // The value was received: the receiver finds no sender to release.
-                Outcome::Done
-            } else {
-                Outcome::Stale
+                Outcome::Held => Outcome::Done,
+                _ => Outcome::Stale,
             };
-            (*link).outcome.store(now as u8, Ordering::Relaxed);
+            Waiter::set_outcome(node, now);
             (outcome, former)
         }
     }
@@ -288,7 +286,7 @@ impl<T> Channel<T> {
         if let Some(receiver) = locked.commit_receiver(true) {
             // SAFETY: it was just committed; a receiver's node holds no value before it is done.
             let ready = unsafe {
-                receiver.as_ref().put_value(value);
+                Waiter::put_value_of(receiver, value);
                 Waiter::settle(receiver, Outcome::Done)
             };
             drop(locked);
@@ -386,38 +384,31 @@ impl<T> Channel<T> {
     /// Lets the sender go on that was held in rendezvous `ticket`, if it has not gone already.
     /// O(held senders).
     pub(crate) fn release_held(&self, ticket: u32) {
-        if ticket == 0 {
-            return;
-        }
         self.finish_held(ticket, |_| Outcome::Done);
     }
 
     /// Lets the sender go on that was held in rendezvous `ticket`; if it is still there, calls
-    /// `last` with it before, under the lock, to set its result. Returns whether it was there.
-    /// O(held senders).
+    /// `last` with it before, under the lock, to set its result. O(held senders).
     pub(crate) fn finish_held(
         &self,
         ticket: u32,
         last: impl FnOnce(NonNull<Waiter<T>>) -> Outcome,
-    ) -> bool {
-        let mut locked = self.lock();
-        let mut next = locked.lists.held.first();
-        while let Some(node) = next {
-            // SAFETY: a node in the list is a live waiter that the lock guards.
-            unsafe {
-                let waiter = node.cast::<Waiter<T>>();
-                if (*Waiter::link(waiter)).ticket == ticket {
-                    let outcome = last(waiter);
-                    locked.lists.held.remove(node);
-                    let ready = Waiter::settle(waiter, outcome);
-                    drop(locked);
-                    ready.wake();
-                    return true;
-                }
-                next = locked.lists.held.after(node);
-            }
+    ) {
+        if ticket == 0 {
+            return;
         }
-        false
+        let mut locked = self.lock();
+        let Some(sender) = locked.held(ticket) else {
+            return;
+        };
+        let outcome = last(sender);
+        // SAFETY: it is in the list, so it is a live waiter that the lock guards; its result is set.
+        let ready = unsafe {
+            locked.lists.held.remove(sender.cast());
+            Waiter::settle(sender, outcome)
+        };
+        drop(locked);
+        ready.wake();
     }
 
     /// Number of buffered values. For display: it may have changed already.

@@ -28,7 +28,7 @@
 use super::Channel;
 use crate::alternative::{Commit, commit};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
-use crate::waiter::Waiter;
+use crate::waiter::{Outcome, Waiter};
 use core::hint::assert_unchecked;
 use core::ptr::NonNull;
 use luna_core::biased_lock::{InsideGuard, Refused};
@@ -259,7 +259,7 @@ unsafe fn meet_guard<const SEND: bool>(
                 depart::<SEND>(plain.wait_point(), lists, (guard, ready), turn)
             }
             Commit::Stale => {
-                Waiter::<()>::settle_stale(guard.cast());
+                Waiter::<()>::set_outcome(guard.cast(), Outcome::Stale);
                 plain.wait_alone(lists)
             }
             Commit::No => go_on_inside(lists),
@@ -399,11 +399,11 @@ pub(super) unsafe fn depart<const SEND: bool>(
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the partner was committed and taken off under the lock that is still held, and its
-    // value was moved, so it is `Done`, as `settle_plain` demands. Its wake was made in a plain
+    // value was moved, so it is `Done`, as `set_outcome` demands. Its wake was made in a plain
     // turn on this thread, which has left the lock when it wakes.
     unsafe {
         lists.note_user(SEND, LastUser::process(turn.process().id()));
-        Waiter::<()>::settle_plain(partner.cast());
+        Waiter::<()>::set_outcome(partner.cast(), Outcome::Done);
         if !lists.leave() {
             return part_revoked(wait_point, ready, turn);
         }

@@ -256,7 +256,7 @@ impl<'a> Take<'a> {
         let _former = unsafe {
             locked.waiting().remove(Entry::node(entry));
             let former = (*Entry::link(entry)).wait.wake_handle_mut().take();
-            Waiter::settle_stale(Entry::waiter(entry));
+            Waiter::set_outcome(Entry::waiter(entry), Outcome::Stale);
             former
         };
         let changed = locked.boost_holder();

@@ -3,13 +3,11 @@
 use super::{Node, Operation};
 use crate::core::{Attempted, ChannelGuard};
 use crate::error::Ended;
-use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
-use crate::waiter::Outcome;
+use crate::waiter::{Begun, Make, Outcome};
 use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
-use luna_core::wait_list::WaitNode;
 
 /// The direction of an [`Operation`]: [`Sending`](super::Sending) a value of some source, or
 /// [`Receiving`](super::Receiving) one in some mode. Sealed: its module is private.
@@ -40,34 +38,38 @@ pub trait Direction<T>: Sized {
     const ANSWERED: bool = false;
     /// Whether an operation that is over has anything to drop.
     const DROPS: bool = true;
+    /// What makes a send's value when it is taken, if that does not lie in the node.
+    const MAKE: Option<Make<T>> = None;
+    /// How its node is begun to be listed.
+    const BEGUN: Begun = Begun::InFull;
+
     /// Whether it can ever happen. Asked while it is new.
     #[inline(always)]
     fn is_open(&self) -> bool {
         true
     }
 
-    /// Makes it happen at once, if possible. O(1).
+    /// It is about to wait, in the current process.
+    #[inline(always)]
+    fn waits(&mut self) {}
+
+    /// Makes it happen at once, if possible: here a send. O(1).
     ///
     /// # Safety
     ///
     /// `node` is a new operation's, of the locked channel. With `cx`, it stays where it is until it
     /// is settled or withdrawn.
+    #[inline]
     unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
         node: NonNull<Node<T, Self>>,
         locked: &mut ChannelGuard<'_, T, L>,
         cx: Option<&Context<'_>>,
-    ) -> Attempted;
-
-    /// Prepares the node for being listed.
-    ///
-    /// # Safety
-    ///
-    /// It is a new operation's.
-    unsafe fn begin(
-        node: NonNull<Node<T, Self>>,
-        wait: WaitNode,
-        select_state: Option<(NonNull<SelectState>, u32)>,
-    );
+    ) -> Attempted {
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
+        // future knows it, and by the operation's invariants it holds its value, or can make it. It
+        // begins with its waiter. With `cx` it stays.
+        unsafe { locked.send_now(node.cast(), Self::MAKE, cx) }
+    }
 
     /// Why an operation that has communicated, so, has failed all the same: only one that is
     /// [answered](Self::ANSWERED) can.

@@ -24,6 +24,7 @@ use crate::core::{Channel, FastPath};
 use crate::end::End;
 use crate::in_place::InPlace;
 use crate::replay;
+use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
 use core::cell::UnsafeCell;
 use core::fmt;
@@ -34,6 +35,7 @@ use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
 use luna_core::current::{PlainTurn, WakeHandle};
+use luna_core::wait_list::WaitNode;
 
 /// What an operation's future knows of it. Its partners know the [outcome](Outcome).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -142,7 +144,20 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     pub(crate) unsafe fn take_value(&mut self) -> T {
         // SAFETY: there is a value, which is taken once, and the node is not listed, as is demanded
         // here: so no other thread accesses it.
-        unsafe { self.node().waiter.take_value() }
+        unsafe { Waiter::take_value_of(self.waiter()) }
+    }
+
+    /// Prepares the node for being listed.
+    ///
+    /// # Safety
+    ///
+    /// It is new, and pinned; its drop withdraws it.
+    #[inline(always)]
+    unsafe fn begin(&mut self, wait: WaitNode, select_state: Option<(NonNull<SelectState>, u32)>) {
+        self.node().direction.waits();
+        // SAFETY: it is new, as is demanded here: so its node is in no list, and only this future
+        // knows it.
+        unsafe { Waiter::begin_as(self.waiter(), wait, D::BEGUN, select_state, D::MAKE) };
     }
 
     /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`].

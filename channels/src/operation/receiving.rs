@@ -5,14 +5,12 @@ use crate::core::{Attempted, ChannelGuard};
 use crate::end::End;
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Releasing};
-use crate::select_state::SelectState;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Begun, Outcome, Waiter};
 use core::mem::{ManuallyDrop, needs_drop, take};
 use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
-use luna_core::wait_list::WaitNode;
 
 /// A receive under way: see [`Receiver::recv`](crate::Receiver::recv). `M` determines whether the
 /// sender is held.
@@ -41,6 +39,11 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     const PLAIN: bool = !M::HOLDS && !M::INHERITS;
     // The value that it may hold was taken, or never came.
     const DROPS: bool = needs_drop::<M::Note>();
+    const BEGUN: Begun = match (M::HOLDS, M::INHERITS) {
+        (_, true) => Begun::Serving,
+        (true, false) => Begun::Holding,
+        (false, false) => Begun::InFull,
+    };
 
     #[inline]
     unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
@@ -69,23 +72,9 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         }
     }
 
-    #[inline]
-    unsafe fn begin(
-        mut node: NonNull<Node<T, Self>>,
-        wait: WaitNode,
-        select_state: Option<(NonNull<SelectState>, u32)>,
-    ) {
-        // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
-        // its future knows it, which is this caller's.
-        unsafe {
-            M::waits(&mut node.as_mut().direction.note);
-            let begun = match (M::HOLDS, M::INHERITS) {
-                (_, true) => Begun::Serving,
-                (true, false) => Begun::Holding,
-                (false, false) => Begun::InFull,
-            };
-            Waiter::begin_as(node.cast::<Waiter<T>>(), wait, begun, select_state, None);
-        }
+    #[inline(always)]
+    fn waits(&mut self) {
+        M::waits(&mut self.note);
     }
 
     #[inline(always)]

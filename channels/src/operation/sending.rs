@@ -1,19 +1,12 @@
 //! A send under way.
 
-use super::{Direction, GivesUp, Node, Operation, Phase};
-use crate::core::{Attempted, ChannelGuard};
+use super::{Direction, GivesUp, Operation, Phase};
 use crate::end::End;
 use crate::error::{SendError, SendTimeoutError};
-use crate::select_state::SelectState;
 use crate::source::{InNode, Source};
-use crate::wait_point::WaitQueues;
-use crate::waiter::{Begun, Outcome, Waiter};
+use crate::waiter::{Make, Outcome, Waiter};
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
-use core::ops::DerefMut;
-use core::ptr::NonNull;
-use core::task::Context;
-use luna_core::wait_list::WaitNode;
 
 /// A send under way: see [`Sender::send`](crate::Sender::send). `S` is the source of its value.
 pub type SendOp<'a, T, S = InNode> = Operation<'a, T, Sending<S>>;
@@ -39,33 +32,11 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     const SEND: bool = true;
     const PLAIN: bool = S::MAKE.is_none();
     const PLAIN_WHEN_MET: bool = true;
+    const MAKE: Option<Make<T>> = S::MAKE;
 
     #[inline(always)]
     fn is_open(&self) -> bool {
         self.source.is_open()
-    }
-
-    #[inline]
-    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
-        node: NonNull<Node<T, Self>>,
-        locked: &mut ChannelGuard<'_, T, L>,
-        cx: Option<&Context<'_>>,
-    ) -> Attempted {
-        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
-        // future knows it, and by the operation's invariants it holds its value, or can make it.
-        // With `cx` it stays.
-        unsafe { locked.send_now(node, cx) }
-    }
-
-    #[inline]
-    unsafe fn begin(
-        node: NonNull<Node<T, Self>>,
-        wait: WaitNode,
-        select_state: Option<(NonNull<SelectState>, u32)>,
-    ) {
-        // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
-        // its future knows it.
-        unsafe { Waiter::begin_as(node.cast(), wait, Begun::InFull, select_state, S::MAKE) };
     }
 
     #[inline(always)]

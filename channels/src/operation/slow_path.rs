@@ -136,7 +136,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                             };
                             has_wake_handle = wake_handle.is_some();
                             let wait = (here, wake_handle).into_node();
-                            D::begin(self.node_pointer(), wait, None);
+                            self.begin(wait, None);
                         }
                     }
                     locked.list(D::SEND, self.waiter());

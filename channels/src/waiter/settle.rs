@@ -93,38 +93,23 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Settles a waiting operation as done; its wake handle was taken. The node is not to be
-    /// touched after this.
+    /// Sets the outcome of an operation without a wake handle, or of one that waits on as `Held` or
+    /// `Waiting`. A settled node is not to be touched after this, but by its own future.
     ///
     /// # Safety
     ///
-    /// As for [`settle`](Self::settle), of `Done`.
+    /// As for [`settle`](Self::settle); or its own future calls this, under the lock that guards the
+    /// node. One that waits alone may still be noted in `waiting`, if the caller overwrites that
+    /// before it releases the lock.
     #[inline(always)]
-    pub(crate) unsafe fn settle_plain(node: NonNull<Waiter<T>>) {
+    pub(crate) unsafe fn set_outcome(node: NonNull<Waiter<T>>, outcome: Outcome) {
         // SAFETY: the node waits until this store, and its future needs the lock that is held here
         // to withdraw it: so it is live. Only the outcome is borrowed, which the future may load.
+        // Release: the value and all that came before is visible to a thread that sees the outcome.
         unsafe {
             (*Self::link(node))
                 .outcome
-                .store(Outcome::Done as u8, Ordering::Release);
-        }
-    }
-
-    /// Settles a waiting operation as stale that holds no wake handle: an alternative's that was
-    /// not committed. The node is not to be touched after this.
-    ///
-    /// # Safety
-    ///
-    /// As for [`settle`](Self::settle), of `Stale`. A node that waits alone may still be noted in
-    /// `waiting`, if the caller overwrites that before it releases the lock.
-    #[inline(always)]
-    pub(crate) unsafe fn settle_stale(node: NonNull<Waiter<T>>) {
-        // SAFETY: the node waits until this store, and its future needs the lock that is held here
-        // to withdraw it: so it is live. Only the outcome is borrowed, which the future may load.
-        unsafe {
-            (*Self::link(node))
-                .outcome
-                .store(Outcome::Stale as u8, Ordering::Release);
+                .store(outcome as u8, Ordering::Release);
         }
     }
 
@@ -183,26 +168,8 @@ impl<T> Waiter<T> {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
             let ready = Self::take_wake_handle(node);
-            // Release: the value and all that came before is visible to a thread that sees the
-            // outcome.
-            (*Self::link(node))
-                .outcome
-                .store(outcome as u8, Ordering::Release);
+            Self::set_outcome(node, outcome);
             ready
         }
-    }
-
-    /// Releases a held sender, which was just taken off the list `held`. The node is not to be
-    /// touched after this.
-    ///
-    /// # Safety
-    ///
-    /// `node` is that of a held sender, or of a party of a completed round of a barrier. It was
-    /// just taken off its list, and the lock is held that guards it.
-    pub(crate) unsafe fn release(node: NonNull<Waiter<T>>) -> PendingWake {
-        // SAFETY: the node was listed, its lock is held, and it is over for good: a held sender's
-        // value was received, a party's round is complete. So `Done` is its outcome, and its future
-        // waits until then.
-        unsafe { Self::settle(node, Outcome::Done) }
     }
 }

@@ -86,7 +86,7 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
             let Some(sender) = commit_first::<T>(&mut self.lists.senders, |_| true) else {
                 return Attempted::NotNow;
             };
-            let Some(value) = Waiter::take_or_make(sender) else {
+            let Some(value) = Waiter::take_or_make(sender, Waiter::make(sender)) else {
                 return Attempted::Broken(Waiter::settle(sender, Outcome::Broken));
             };
             if self.lists.is_unusual {
@@ -103,10 +103,8 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
             if !extended {
                 return Attempted::Done(Waiter::settle(sender, Outcome::Done));
             }
-            let ticket = self.next_ticket();
             // The sender waits on, and keeps its wake handle.
-            self.lists.held.insert_again(sender.cast());
-            Self::hold(sender, ticket);
+            self.hold(sender);
             Attempted::Holds((*Waiter::link(sender)).wait.priority())
         }
     }
@@ -163,7 +161,7 @@ unsafe fn commit_first_of_many<T>(
                 return Some(waiter);
             }
             // A stale node holds no wake handle.
-            Waiter::settle_stale(waiter);
+            Waiter::set_outcome(waiter, Outcome::Stale);
         }
     }
     None

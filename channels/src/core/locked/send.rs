@@ -5,16 +5,14 @@ use crate::buffer::WhenFull;
 use crate::call::boost_to_receiver;
 use crate::core::Ending;
 use crate::replay::{self, Stamped};
-use crate::source::{Offered, Source};
 use crate::wait_point::{LastUser, WaitQueues, user_number};
-use crate::waiter::{Begun, Outcome, Waiter};
+use crate::waiter::{Begun, Make, Outcome, Waiter};
 use core::hint::cold_path;
 use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
 use luna_core::current::{PendingWake, WakeHandle};
 use luna_core::events;
-use luna_platform::sync::atomic::Ordering;
 
 impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     /// Records that the current process gives its value to this receiver.
@@ -30,25 +28,30 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
         wait_point.report(|| unsafe { [events::current_process(), user_number(receiver.cast())] });
     }
 
-    pub(super) fn next_ticket(&mut self) -> u32 {
-        self.lists.tickets = self.lists.tickets.checked_add(1).unwrap_or(1);
-        self.lists.tickets
-    }
-
+    /// Lists a sender as held; returns the number of the rendezvous.
+    ///
     /// # Safety
     ///
-    /// `node` is that of a committed sender after its value was taken. It is in the list of held
-    /// senders, the lock of which is held, and stays where it is until it is settled or withdrawn.
-    pub(super) unsafe fn hold(node: NonNull<Waiter<T>>, ticket: u32) {
+    /// `sender` was committed, its value was taken, and it is in no list. It stays where it is until
+    /// it is settled or withdrawn.
+    pub(super) unsafe fn hold(&mut self, sender: NonNull<Waiter<T>>) -> u32 {
+        let ticket = self.lists.tickets.checked_add(1).unwrap_or(1);
+        self.lists.tickets = ticket;
         // SAFETY: the sender's value was taken, and the lock is held that guards the node until it
-        // is settled: so it is live, and its link can be written.
+        // is settled: so it is live, and its link can be written. It is in no list, and stays.
         unsafe {
-            let link = Waiter::link(node);
-            (*link).ticket = ticket;
-            (*link)
-                .outcome
-                .store(Outcome::Held as u8, Ordering::Release);
+            self.lists.held.insert_again(sender.cast());
+            (*Waiter::link(sender)).ticket = ticket;
+            Waiter::set_outcome(sender, Outcome::Held);
         }
+        ticket
+    }
+
+    /// The sender that is held in rendezvous `ticket`, if it has not gone already. O(held senders).
+    pub(crate) fn held(&self, ticket: u32) -> Option<NonNull<Waiter<T>>> {
+        let mut held = self.lists.held.nodes().map(NonNull::cast::<Waiter<T>>);
+        // SAFETY: a node in the list is a live waiter that the lock guards.
+        held.find(|&sender| unsafe { (*Waiter::link(sender)).ticket == ticket })
     }
 
     /// Sends at once, if possible. O(1). If a receiver holds its sender and `cx` has the waker for
@@ -56,12 +59,13 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `node` is not listed, no other thread accesses it, and it holds its value or can make it.
+    /// `node` is not listed, no other thread accesses it, and it holds its value, or `make` makes it.
     /// With `cx`, it stays where it is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn send_now<S: Source<T>>(
+    pub(crate) unsafe fn send_now(
         &mut self,
-        node: NonNull<Offered<T, S>>,
+        node: NonNull<Waiter<T>>,
+        make: Option<Make<T>>,
         cx: Option<&Context<'_>>,
     ) -> Attempted {
         self.lists.sender = LastUser::of(self.here.user());
@@ -76,31 +80,11 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
         // A buffer takes the value from its sender as soon as it has it, and holds no sender: any
         // send finds any receiver there.
         let may_hold = cx.is_some() || buffer.capacity != 0;
-        if self.lists.extends
-            && buffer.capacity == 0
-            && let Some(cx) = cx
-        {
-            // SAFETY: the node is new, holds or makes its value, and stays with `cx`: this demands
-            // of its caller what the callee demands.
-            return unsafe { self.send_or_be_held(node, cx) };
-        }
         if let Some(receiver) = self.commit_receiver(may_hold) {
-            // SAFETY: the node holds or can make its value, and only its future knows it, as is
-            // demanded here. The receiver was just committed and taken off, or is a registered
-            // entry. It holds no value before it is done, and the lock is held until it is settled.
-            return unsafe {
-                match Source::take(node) {
-                    Some(value) => {
-                        receiver.as_ref().put_value(value);
-                        self.report_sent(receiver);
-                        if self.lists.is_unusual {
-                            Waiter::put_order(receiver, self.lists.stamp(Stamped::Meeting));
-                        }
-                        Attempted::Done(Waiter::settle(receiver, Outcome::Done))
-                    }
-                    None => Attempted::Broken(Waiter::settle(receiver, Outcome::Poisoned)),
-                }
-            };
+            // SAFETY: the node holds its value, or `make` makes it, and only its future knows it, as
+            // is demanded here; with `cx` it stays. The receiver was just committed and taken off,
+            // or is a registered entry.
+            return unsafe { self.send_to(receiver, node, make, cx) };
         }
         if buffer.capacity == 0 {
             return Attempted::NotNow;
@@ -114,7 +98,7 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
         }
         // SAFETY: the node holds or can make its value, which no receiver has taken; only its
         // future knows it, as is demanded here.
-        let Some(value) = (unsafe { Source::take(node) }) else {
+        let Some(value) = (unsafe { Waiter::take_or_make(node, make) }) else {
             return Attempted::Broken(PendingWake::NONE);
         };
         if self.lists.is_unusual {
@@ -140,52 +124,51 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
             return Attempted::DONE;
         };
         // SAFETY: the node has given its value away, and no other thread knows it.
-        unsafe { Waiter::put_value_of(node.cast(), overwritten) };
+        unsafe { Waiter::put_value_of(node, overwritten) };
         Attempted::Overwrote(PendingWake::NONE)
     }
 
-    /// Sends without a buffer, where receivers may hold their senders.
+    /// Sends to this receiver, which may hold its sender where there is no buffer.
     ///
     /// # Safety
     ///
-    /// As for `send_now`, with `cx`: `node` is not listed, no other thread accesses it, it holds or
-    /// can make its value, and stays where it is until it is settled or withdrawn.
-    #[cold]
-    pub(super) unsafe fn send_or_be_held<S: Source<T>>(
+    /// As for `send_now`: `node` is not listed, no other thread accesses it, it holds its value, or
+    /// `make` makes it, and with `cx` it stays where it is until it is settled or withdrawn. The
+    /// receiver was committed under this lock. If it holds its sender, there is a buffer or `cx`.
+    #[inline]
+    unsafe fn send_to(
         &mut self,
-        node: NonNull<Offered<T, S>>,
-        cx: &Context<'_>,
+        receiver: NonNull<Waiter<T>>,
+        node: NonNull<Waiter<T>>,
+        make: Option<Make<T>>,
+        cx: Option<&Context<'_>>,
     ) -> Attempted {
-        let Some(receiver) = self.commit_receiver(true) else {
-            return Attempted::NotNow;
-        };
-        // SAFETY: the node holds or can make its value, and only its future knows it until it is in
-        // the list `held`, as is demanded here. The receiver was just committed and taken off, or
-        // is a registered entry, and holds no value before it is done. The lock is held until it is
-        // settled.
+        // SAFETY: the node holds its value, or it can be made, and only its future knows it until it
+        // is in the list `held`, as is demanded here. The receiver was committed, and holds no value
+        // before it is done. The lock is held until it is settled.
         unsafe {
-            let Some(value) = Source::take(node) else {
+            let Some(value) = Waiter::take_or_make(node, make) else {
                 return Attempted::Broken(Waiter::settle(receiver, Outcome::Poisoned));
             };
-            receiver.as_ref().put_value(value);
+            Waiter::put_value_of(receiver, value);
             self.report_sent(receiver);
-            // Extended rendezvous are seldom enough for this.
-            let stamp = self.lists.stamp(Stamped::Meeting);
+            let stamp = match self.lists.is_unusual {
+                true => self.lists.stamp(Stamped::Meeting),
+                false => 0,
+            };
             Waiter::put_order(receiver, stamp);
-            if !Waiter::begun(receiver).holds() {
-                return Attempted::Done(Waiter::settle(receiver, Outcome::Done));
-            }
-            let node = node.cast::<Waiter<T>>();
+            let cx = match cx {
+                Some(cx) if self.channel.capacity == 0 && Waiter::begun(receiver).holds() => cx,
+                _ => return Attempted::Done(Waiter::settle(receiver, Outcome::Done)),
+            };
+            cold_path();
             // A waker is not cloned under the lock: the future finds no wake handle, and brings
             // one.
             let waits = (self.here, WakeHandle::without_waker(cx));
-            Waiter::begin_as(node, waits, Begun::InFull, None, S::MAKE);
+            Waiter::begin_as(node, waits, Begun::InFull, None, make);
             let priority = (*Waiter::link(node)).wait.priority();
             Waiter::put_order(node, stamp);
-            let ticket = self.next_ticket();
-            (*Waiter::link(receiver)).ticket = ticket;
-            self.lists.held.insert_again(node.cast());
-            Self::hold(node, ticket);
+            (*Waiter::link(receiver)).ticket = self.hold(node);
             // Before it is woken.
             boost_to_receiver(receiver, priority);
             Attempted::Held(Waiter::settle(receiver, Outcome::Done))
