@@ -1,7 +1,6 @@
 //! What can go wrong with a call.
 
 use crate::error::Ended;
-use core::fmt;
 use thiserror::Error;
 
 /// A call failed. A request that no server has taken is given back.
@@ -67,11 +66,5 @@ impl<Q> Ended for CallError<Q> {
     }
 }
 
-impl<Q> fmt::Debug for CallError<Q> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Without the request, so that it need not be `Debug`.
-        f.debug_struct("CallError")
-            .field("reason", &format_args!("{self}"))
-            .finish_non_exhaustive()
-    }
-}
+// Without the request, so that it need not be `Debug`.
+luna_platform::debug_fields!(impl[Q] CallError<Q>, |error| reason: format_args!("{error}"));

@@ -1,7 +1,6 @@
 //! One small error for each operation.
 
 use super::guard::{MutexGuard, OwnerDied};
-use core::fmt;
 use thiserror::Error;
 
 pub(super) const DIED: &str = "a process ended while it held the mutex, and the guarded value may be incomplete: recover the guard from the error";
@@ -114,16 +113,8 @@ impl From<AcquireError> for AcquireTimeoutError {
     }
 }
 
-macro_rules! debug_without_guard {
-    ($($name:ident),*) => {$(
-        impl<T> fmt::Debug for $name<'_, T> {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                // Without the value, so that it need not be `Debug`.
-                f.debug_struct(stringify!($name))
-                    .field("reason", &format_args!("{self}"))
-                    .finish_non_exhaustive()
-            }
-        }
-    )*};
-}
-debug_without_guard!(LockError, TryLockError, LockTimeoutError, OwnerDied);
+// Without the value, so that it need not be `Debug`.
+luna_platform::debug_fields!(impl[T] LockError<'_, T>, |error| reason: format_args!("{error}"));
+luna_platform::debug_fields!(impl[T] TryLockError<'_, T>, |error| reason: format_args!("{error}"));
+luna_platform::debug_fields!(impl[T] LockTimeoutError<'_, T>, |error| reason: format_args!("{error}"));
+luna_platform::debug_fields!(impl[T] OwnerDied<'_, T>, |error| reason: format_args!("{error}"));
