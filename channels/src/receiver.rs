@@ -213,11 +213,7 @@ impl<T> Receiver<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_recv_timeout(&self, timeout: Duration) -> Result<T, RecvTimeoutError> {
-        let mut recv = core::pin::pin!(self.recv());
-        match luna_core::park::block_on_until(recv.as_mut(), Instant::now() + timeout) {
-            Some(received) => received.map_err(RecvTimeoutError::from),
-            None => recv.give_up(),
-        }
+        crate::replay::block_for(self.recv(), timeout)
     }
 
     /// The values as a stream, which ends when the channel is closed or poisoned.

@@ -237,11 +237,7 @@ impl<T> Sender<T> {
         value: T,
         timeout: Duration,
     ) -> Result<(), SendTimeoutError<T>> {
-        let mut send = core::pin::pin!(self.send(value));
-        match luna_core::park::block_on_until(send.as_mut(), Instant::now() + timeout) {
-            Some(sent) => sent.map_err(SendTimeoutError::from),
-            None => send.give_up(),
-        }
+        crate::replay::block_for(self.send(value), timeout)
     }
 
     /// Poisons the channel: all operations that wait on it, and all that come to it later, on both

@@ -104,6 +104,14 @@ impl WaitPoint {
         }
     }
 
+    /// Notes that `user` has used it: one from outside of the system may come again.
+    #[inline(always)]
+    pub(crate) fn note_outsider(&self, user: User) {
+        if user == User::Outside {
+            self.identity.set_external();
+        }
+    }
+
     /// Notes that the current process is about to wait here.
     #[inline(always)]
     pub(crate) fn waits(&self) {
@@ -129,13 +137,7 @@ impl WaitPoint {
     /// Locks. An operation that waits on a hand-off slot is not in the lists. To see such
     /// operations of a channel too, use [`lock_lists`](Self::lock_lists).
     #[inline]
-    pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
-        self.lock_from(Here::now())
-    }
-
-    /// As [`lock`](Self::lock).
-    #[inline]
-    pub(crate) fn lock_from(&self, here: Here<'_>) -> BiasedGuard<'_, WaitQueues> {
+    pub(crate) fn lock(&self, here: Here<'_>) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock_in(here);
         lists.list_lone();
         lists
@@ -159,7 +161,7 @@ impl WaitPoint {
     /// there were no hand-off slots.
     #[inline]
     pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
-        let mut lists = self.lock();
+        let mut lists = self.lock(Here::now());
         self.clear_slots(&mut lists);
         lists
     }

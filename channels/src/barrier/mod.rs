@@ -197,9 +197,9 @@ luna_platform::debug_fields!(Barrier, |barrier| shared: &raw const *barrier.poin
 impl BarrierPoint {
     /// Remembers that a party is unknown to every system: from outside, or a thread of its own.
     fn note_user(&self) {
-        if current::user() == User::Outside {
-            self.identity.set_external();
-        } else if !current::on_path() {
+        let user = current::user();
+        self.note_outsider(user);
+        if user != User::Outside && !current::on_path() {
             self.identity.set_stranger();
         }
     }

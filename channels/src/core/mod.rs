@@ -168,12 +168,7 @@ impl<T> Channel<T> {
 
     #[inline]
     pub(crate) fn lock(&self) -> Locked<'_, T> {
-        self.lock_in(Here::now())
-    }
-
-    #[inline]
-    pub(crate) fn lock_in<'a>(&'a self, here: Here<'a>) -> Locked<'a, T> {
-        let mut locked = self.lock_beside_slots(here);
+        let mut locked = self.lock_beside_slots(Here::now());
         locked.list_from_slots();
         locked
     }
@@ -183,7 +178,7 @@ impl<T> Channel<T> {
     pub(crate) fn lock_beside_slots<'a>(&'a self, here: Here<'a>) -> Locked<'a, T> {
         ChannelGuard {
             channel: self,
-            lists: self.wait_point.lock_from(here),
+            lists: self.wait_point.lock(here),
             here,
         }
     }

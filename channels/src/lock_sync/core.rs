@@ -7,7 +7,7 @@ use crate::inspect::WaitPointKind;
 use crate::replay;
 use crate::wait_point::{LastUser, Lists};
 use core::marker::PhantomData;
-use luna_core::current::{self, Here, Inheritor, Priority, User};
+use luna_core::current::{self, Here, Inheritor, Priority};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitList;
 
@@ -35,15 +35,13 @@ pub(super) type Core = GuardedWaitPoint<LockState>;
 /// A take of that core has succeeded, and no other hold was made of it. It is used for a guard of
 /// the same core; only a debug build knows which.
 #[must_use = "the permits are lost otherwise"]
-#[expect(
-    unreachable_pub,
-    reason = "the output of a public future's private trait names it"
-)]
 pub struct Hold<'a> {
     #[cfg(debug_assertions)]
     core: &'a Core,
     of: PhantomData<&'a Core>,
 }
+
+luna_platform::debug_fields!(Hold<'_>);
 
 impl<'a> Hold<'a> {
     /// # Safety
@@ -87,8 +85,8 @@ impl Core {
     /// Remembers that a user of a semaphore is outside of the system.
     #[inline(always)]
     pub(super) fn note_user(&self, here: Here<'_>) {
-        if !self.has_owner() && here.user() == User::Outside {
-            self.identity.set_external();
+        if !self.has_owner() {
+            self.note_outsider(here.user());
         }
     }
 

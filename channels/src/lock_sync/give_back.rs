@@ -28,12 +28,6 @@ impl Admitted {
 }
 
 impl Core {
-    /// Unlocks a mutex: the first waiter holds it from now on.
-    #[inline]
-    pub(super) fn unlock(&self) {
-        self.give_back(1);
-    }
-
     /// Gives permits back, and serves the waiters.
     #[inline(never)]
     pub(super) fn give_back(&self, count: u32) {

@@ -61,7 +61,7 @@ impl<'a, T> MutexGuard<'a, T> {
     /// Unlocks now. Never marks the mutex.
     pub fn unlock(self) {
         let guard = ManuallyDrop::new(self);
-        guard.mutex.core().unlock();
+        guard.mutex.core().give_back(1);
     }
 
     /// The mutex that it holds.
@@ -82,7 +82,7 @@ impl<T> Drop for MutexGuard<'_, T> {
         if !self.was_dying && is_dying() {
             self.mutex.set_died(true);
         }
-        self.mutex.core().unlock();
+        self.mutex.core().give_back(1);
     }
 }
 

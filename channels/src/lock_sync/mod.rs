@@ -59,7 +59,6 @@
 // to be listed. A chain is followed over at most `chain::HOLDERS` holders and `chain::STEPS` wait
 // points; each costs O(its waiters).
 
-mod acquire;
 mod chain;
 mod condition;
 mod core;
@@ -67,19 +66,18 @@ mod entry;
 mod error;
 mod give_back;
 mod guard;
-mod lock;
 mod mutex;
 mod permit;
 mod semaphore;
 mod take;
+mod taking;
 mod wait;
 
-pub use acquire::{AcquireOp, AcquireTimeout};
 pub use condition::Condvar;
 pub use error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError};
 pub use guard::{MutexGuard, OwnerDied};
-pub use lock::{LockOp, LockTimeout};
 pub use mutex::Mutex;
 pub use permit::SemaphorePermit;
 pub use semaphore::Semaphore;
+pub use taking::{AcquireOp, AcquireTimeout, LockOp, LockTimeout, Permits, TakeOp, TakeTimeout};
 pub use wait::{WaitOp, WaitTimeout, WaitTimeoutResult};

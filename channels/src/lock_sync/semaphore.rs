@@ -1,10 +1,12 @@
 //! The counting semaphore.
 
-use super::acquire::{AcquireOp, AcquireTimeout};
 use super::core::Core;
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::SemaphorePermit;
 use super::take::Take;
+#[cfg(not(loom))]
+use super::taking::Permits;
+use super::taking::{AcquireOp, AcquireTimeout};
 use crate::inspect::WaitPointKind;
 use crate::replay;
 use core::time::Duration;
@@ -91,7 +93,10 @@ impl Semaphore {
     /// ```
     #[inline]
     pub fn acquire_many(&self, count: u32) -> AcquireOp<'_> {
-        AcquireOp::new(self, count)
+        AcquireOp {
+            of: self,
+            take: self.take(count, false),
+        }
     }
 
     /// Takes a permit, if there is one and no waiter is as urgent. O(1), for the real-time path.
@@ -122,12 +127,18 @@ impl Semaphore {
     /// # }).unwrap();
     /// ```
     pub fn acquire_timeout(&self, timeout: Duration) -> AcquireTimeout<'_> {
-        AcquireTimeout::new(self, Sleep::after(timeout))
+        AcquireTimeout {
+            op: self.acquire(),
+            sleep: Sleep::after(timeout),
+        }
     }
 
     /// Like [`acquire_timeout`](Self::acquire_timeout), until an absolute deadline.
     pub fn acquire_deadline(&self, deadline: Instant) -> AcquireTimeout<'_> {
-        AcquireTimeout::new(self, Sleep::until(deadline))
+        AcquireTimeout {
+            op: self.acquire(),
+            sleep: Sleep::until(deadline),
+        }
     }
 
     /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread
@@ -144,8 +155,7 @@ impl Semaphore {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_acquire(&self) -> Result<SemaphorePermit<'_>, AcquireError> {
-        let taken = luna_core::park::block_on(self.take(1, true));
-        taken.map(|_| SemaphorePermit::taken(self, 1))
+        self.taken(1, luna_core::park::block_on(self.take(1, true)))
     }
 
     /// Like [`blocking_acquire`](Self::blocking_acquire), for at most `timeout`.
@@ -170,8 +180,7 @@ impl Semaphore {
         &self,
         timeout: Duration,
     ) -> Result<SemaphorePermit<'_>, AcquireTimeoutError> {
-        let taken = self.take(1, true).block_for(timeout);
-        taken.map(|_| SemaphorePermit::taken(self, 1))
+        self.taken_in_time(1, replay::block_for(self.take(1, true), timeout))
     }
 
     /// Makes `count` more permits. Real-time path: yes; O(waiters served by them), each in a lock

@@ -4,7 +4,7 @@
 use super::chain;
 use super::core::{Core, Hold, LockState};
 use super::entry::Entry;
-use super::error::{AcquireError, AcquireTimeoutError};
+use super::error::AcquireError;
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
@@ -34,6 +34,9 @@ pub(super) enum TakePhase {
     /// Its permits, if it had any, belong to the caller.
     Over,
 }
+
+/// What comes of a [`Take`] that gives up; nothing when its time has run out.
+pub(super) type InTime<'a> = Option<Result<Hold<'a>, AcquireError>>;
 
 /// Taking permits of a mutex or a semaphore. Its output says that the caller has them now.
 ///
@@ -281,21 +284,6 @@ impl<'a> Take<'a> {
             self.core().give_back(self.count);
         }
     }
-
-    /// Blocks this thread for at most `timeout`.
-    #[cfg(not(loom))]
-    #[track_caller]
-    pub(super) fn block_for(
-        self,
-        timeout: core::time::Duration,
-    ) -> Result<Hold<'a>, AcquireTimeoutError> {
-        let deadline = luna_platform::clock::Instant::now() + timeout;
-        let mut take = core::pin::pin!(self);
-        match luna_core::park::block_on_until(take.as_mut(), deadline) {
-            Some(taken) => taken.map_err(AcquireTimeoutError::from),
-            None => take.give_up(),
-        }
-    }
 }
 
 // SAFETY: what is pinned is the entry, which every method leaves where it is.
@@ -413,29 +401,26 @@ impl<'a> Logged for Take<'a> {
 }
 
 impl<'a> GiveUp for Take<'a> {
-    type Outcome = Result<Hold<'a>, AcquireTimeoutError>;
+    type Outcome = InTime<'a>;
 
     /// It has not tried yet.
     fn lets_others_run(&self) -> bool {
         self.phase == TakePhase::GaveWay
     }
 
-    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+    fn give_up(self: Pin<&mut Self>) -> InTime<'a> {
         let this = self.in_place();
         let has_them = this.withdraw();
         this.end();
-        match has_them {
-            // SAFETY: it was given its permits, and is over.
-            true => Ok(unsafe { this.hold() }),
-            false => Err(AcquireTimeoutError::Timeout),
-        }
+        // SAFETY: it was given its permits, and is over.
+        has_them.then(|| Ok(unsafe { this.hold() }))
     }
 
-    fn in_time(output: <Self as Future>::Output) -> Self::Outcome {
-        output.map_err(AcquireTimeoutError::from)
+    fn in_time(output: <Self as Future>::Output) -> InTime<'a> {
+        Some(output)
     }
 
-    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
-        matches!(outcome, Err(AcquireTimeoutError::Timeout)).then(replay::gave_up)
+    fn failure_in_time(outcome: &InTime<'a>) -> Option<Event> {
+        outcome.is_none().then(replay::gave_up)
     }
 }

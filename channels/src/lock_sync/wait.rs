@@ -7,6 +7,7 @@ use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use super::take::{self, Take, TakePhase};
+use super::taking::Permits;
 use crate::finally::Finally;
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
@@ -68,7 +69,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let inheritor = take::caller(self.take.of_thread);
         let wake_handle = WakeHandle::of(cx);
         let entry = self.take.entry();
-        self.condition.note_user(current::user());
+        self.condition.wait_point().note_outsider(current::user());
         // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and
         // keeps the mutex by its handle.
         unsafe {
@@ -223,7 +224,7 @@ impl<'a, T> Future for WaitOp<'_, 'a, T> {
         };
         polled.map(|taken| {
             this.take.end();
-            this.mutex.taken(taken)
+            this.mutex.taken(1, taken)
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Direction, GivesUp, Operation, Phase};
 use crate::error::Ended;
+use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::waiter::{Outcome, Waiter};
 use core::future::Future;
@@ -75,11 +76,28 @@ impl<'a, T, D: GivesUp<T>> GiveUp for Operation<'a, T, D> {
     type Outcome = Result<D::Success<'a>, D::TimeoutFailure>;
 
     fn lets_others_run(&self) -> bool {
-        self.lets_others_run()
+        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
     }
 
+    /// It withdraws: exact, since the outcome is looked at first.
     fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
-        self.give_up()
+        let this = self.in_place();
+        let (outcome, _former) = match this.phase {
+            Phase::New => (Outcome::Waiting, None),
+            Phase::GaveWay => (Outcome::Done, None),
+            Phase::Settled(outcome) => (outcome, None),
+            Phase::Listed | Phase::Logged => this.unlist(),
+            Phase::Overwrote | Phase::Over => {
+                panic!("a {} was given up after it was over", D::NAME)
+            }
+        };
+        match outcome {
+            Outcome::Waiting => {
+                this.phase = Phase::Over;
+                Err(D::timed_out(this))
+            }
+            outcome => this.settled(outcome).map_err(D::TimeoutFailure::from),
+        }
     }
 
     fn in_time(output: <Self as Logged>::Output) -> Self::Outcome {

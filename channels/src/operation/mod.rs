@@ -178,11 +178,6 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         }
     }
 
-    /// Whether it is over but for letting others run.
-    pub(crate) fn lets_others_run(&self) -> bool {
-        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
-    }
-
     /// Whether it waits for a partner, or a partner that came later has settled it.
     fn is_listed(&self) -> bool {
         matches!(self.phase, Phase::Listed | Phase::Logged)

@@ -3,13 +3,11 @@
 
 use super::{Direction, GivesUp, Operation, Phase};
 use crate::core::{Attempted, ChannelGuard, Ending, FastPath, HandOff};
-use crate::in_place::InPlace;
 use crate::replay;
 use crate::wait_point::WaitQueues;
 use crate::waiter::{Outcome, Waiter, Waits};
 use core::future::Future;
 use core::ops::DerefMut;
-use core::pin::Pin;
 use core::task::{Context, Poll};
 use luna_core::current::{self, Here, PlainTurn, Renewal, WakeHandle};
 use luna_core::spin;
@@ -293,27 +291,6 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 }
 
 impl<'a, T, D: GivesUp<T>> Operation<'a, T, D> {
-    /// Withdraws: exact, since the outcome is looked at first.
-    pub(crate) fn give_up(self: Pin<&mut Self>) -> Result<D::Success<'a>, D::TimeoutFailure> {
-        let this = self.in_place();
-        let (outcome, _former) = match this.phase {
-            Phase::New => (Outcome::Waiting, None),
-            Phase::GaveWay => (Outcome::Done, None),
-            Phase::Settled(outcome) => (outcome, None),
-            Phase::Listed | Phase::Logged => this.unlist(),
-            Phase::Overwrote | Phase::Over => {
-                panic!("a {} was given up after it was over", D::NAME)
-            }
-        };
-        match outcome {
-            Outcome::Waiting => {
-                this.phase = Phase::Over;
-                Err(D::timed_out(this))
-            }
-            outcome => this.settled(outcome).map_err(D::TimeoutFailure::from),
-        }
-    }
-
     /// Attempts it once, and gives up if that does not succeed. O(1).
     pub(crate) fn at_once(&mut self) -> Result<D::Success<'a>, D::TimeoutFailure> {
         debug_assert!(self.phase == Phase::New);

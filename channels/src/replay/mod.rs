@@ -28,6 +28,8 @@ use log::{enter, is_held, leave};
 use luna_core::current;
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
+#[cfg(not(loom))]
+use {core::time::Duration, luna_platform::clock::Instant};
 
 /// Where an operation is, as far as a replay log needs it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,6 +118,17 @@ pub(crate) trait GiveUp: Logged + Future {
 
     /// How it failed, or that it gave up; `None` is a success.
     fn failure_in_time(outcome: &Self::Outcome) -> Option<Event>;
+}
+
+/// Blocks this thread until the operation is over, for at most `timeout`: then it gives up.
+#[cfg(not(loom))]
+#[track_caller]
+pub(crate) fn block_for<O: GiveUp>(operation: O, timeout: Duration) -> O::Outcome {
+    let mut operation = core::pin::pin!(operation);
+    match luna_core::park::block_on_until(operation.as_mut(), Instant::now() + timeout) {
+        Some(output) => O::in_time(output),
+        None => operation.give_up(),
+    }
 }
 
 /// The event of an operation that found its channel closed or poisoned.

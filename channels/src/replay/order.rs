@@ -200,7 +200,7 @@ mod tests {
     #[track_caller]
     fn check(come: &[u64], capacity: usize, stamp: u64, keeps_newest: bool) -> Vec<usize> {
         let wait_point = WaitPoint::new(Identity::new(WaitPointKind::Buffered(capacity)));
-        let mut lists = wait_point.lock();
+        let mut lists = wait_point.lock_lists();
         for (stored, &stamp) in come.iter().enumerate() {
             lists.note_stored(stamp, stored);
         }
