@@ -324,7 +324,7 @@ impl<T> Clone for Receiver<T> {
 impl<T> Drop for Receiver<T> {
     fn drop(&mut self) {
         // SAFETY: this receiver is not used again.
-        unsafe { Channel::drop_receiver(self.0.pointer()) };
+        unsafe { Channel::drop_end(self.0.pointer(), false) };
     }
 }
 

@@ -301,7 +301,7 @@ impl<T> Clone for Sender<T> {
 impl<T> Drop for Sender<T> {
     fn drop(&mut self) {
         // SAFETY: this sender is not used again.
-        unsafe { Channel::drop_sender(self.0.pointer()) };
+        unsafe { Channel::drop_end(self.0.pointer(), true) };
     }
 }
 

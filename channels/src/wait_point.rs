@@ -181,14 +181,11 @@ impl WaitPoint {
             if self.hand_off_slots.is_waiting(side)
                 && let Some(node) = lists.hand_off.get(side)
             {
-                let list = match side {
-                    Side::Sender => &mut lists.senders,
-                    Side::Receiver => &mut lists.receivers,
-                };
+                let queue = lists.queue(side == Side::Sender);
                 // SAFETY: an operation that waits on a hand-off slot has begun its node, which is
                 // in no list and stays where it is; it looks until the slot says what has come of
                 // that.
-                unsafe { list.insert_again(node) };
+                unsafe { queue.insert_again(node) };
                 self.hand_off_slots.say_listed(side);
             }
         }

@@ -220,8 +220,7 @@ impl<T> Channel<T> {
         unsafe {
             let outcome = Waiter::outcome(node);
             let list = match outcome {
-                Outcome::Waiting if of_sender => &mut locked.lists.senders,
-                Outcome::Waiting => &mut locked.lists.receivers,
+                Outcome::Waiting => locked.lists.queue(of_sender),
                 Outcome::Held => &mut locked.lists.held,
                 _ => return (outcome, None),
             };

@@ -20,7 +20,7 @@
 //! A node that waits alone belongs to a process of this very executor: only the executor that owns
 //! the bias lets a node wait so, and a lock is biased to no second one.
 //!
-//! [`Plain::meet`] does not depend on the type of the values, so all channels share one copy of it
+//! [`meet`] does not depend on the type of the values, so all channels share one copy of it
 //! for each direction. A system has processes of many kinds, and its channels many types: with a
 //! copy for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between
 //! its cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
@@ -51,7 +51,7 @@ pub(crate) enum FastPath {
     No,
 }
 
-/// A step that depends on the type of the channel's values: the rest of [`Plain::meet`] where its
+/// A step that depends on the type of the channel's values: the rest of [`meet`] where its
 /// condition holds.
 ///
 /// # Safety
@@ -111,56 +111,6 @@ impl<'a, const SEND: bool> Plain<'a, SEND> {
         unsafe { self.channel.as_ref() }
     }
 
-    /// Meets what waits alone, or lets the operation wait. O(1).
-    #[inline(always)]
-    fn meet(self) -> FastPath {
-        let Self {
-            channel,
-            node,
-            turn,
-        } = self;
-        // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
-        // closure of a `send_with` runs under one, but it has no plain turn.
-        let lists = match unsafe { self.wait_point().enter(turn) } {
-            Ok(lists) => lists,
-            Err(Refused::NotBiased) => return FastPath::No,
-            Err(Refused::Revoked) => return self.wait_point().revoked(FastPath::No),
-        };
-        let waiting = lists.waiting;
-        // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and
-        // belongs to a process of this executor. `moves_word` says that the channel's values need
-        // no mover. Where the lock is kept, the callee takes it back, for this operation.
-        unsafe {
-            if let Some(partner) = waiting.one(!SEND) {
-                if !lists.moves_word {
-                    lists.keep();
-                    return part_long::<SEND>(channel, node, turn, partner);
-                }
-                let (from, to) = self.nodes_of(partner);
-                Waiter::move_word(from, to);
-                return part::<SEND>(self.wait_point(), lists, partner, turn);
-            }
-            if waiting.is_idle() {
-                return self.wait_alone(lists);
-            }
-            lists.keep();
-            let values = self.wait_point().identity.values;
-            if waiting.is_store() {
-                return match SEND {
-                    true => (values.store)(channel, node, turn),
-                    false => (values.take)(channel, node, turn),
-                };
-            }
-            if SEND && waiting == Waiting::REGISTERED {
-                return (values.send_to_registered)(channel, node, turn);
-            }
-            match waiting.guard(!SEND) {
-                Some(guard) => meet_guard::<SEND>(channel, node, turn, guard),
-                None => meet_queues::<SEND>(channel, node, turn),
-            }
-        }
-    }
-
     /// Lets the operation wait alone.
     ///
     /// # Safety
@@ -210,7 +160,7 @@ impl<'a, const SEND: bool> Plain<'a, SEND> {
     }
 }
 
-/// The rest of [`Plain::meet`], for a value that is longer than a word.
+/// The rest of [`meet`], for a value that is longer than a word.
 ///
 /// # Safety
 ///
@@ -232,7 +182,7 @@ unsafe fn part_long<const SEND: bool>(
     }
 }
 
-/// The rest of [`Plain::meet`], where a guard waits alone for an operation of this side: its
+/// The rest of [`meet`], where a guard waits alone for an operation of this side: its
 /// alternative is committed first.
 ///
 /// # Safety
@@ -267,7 +217,7 @@ unsafe fn meet_guard<const SEND: bool>(
     }
 }
 
-/// The rest of [`Plain::meet`], where something else waits, or has waited until now.
+/// The rest of [`meet`], where something else waits, or has waited until now.
 ///
 /// # Safety
 ///
@@ -286,10 +236,7 @@ unsafe fn meet_queues<const SEND: bool>(
             return go_on_inside(lists);
         }
         drop(lists);
-        match SEND {
-            true => send(channel, node, turn),
-            false => recv(channel, node, turn),
-        }
+        meet::<SEND>(channel, node, turn)
     }
 }
 
@@ -300,34 +247,61 @@ pub(super) fn go_on_inside(lists: InsideGuard<'_, WaitQueues>) -> FastPath {
     FastPath::Inside
 }
 
-/// [`Plain::meet`]: the copy for all sends.
+/// Meets what waits alone, or lets the operation wait: one copy for all sends, and one for all
+/// receives. O(1).
 ///
 /// # Safety
 ///
 /// As for [`Plain`].
 #[inline(never)]
-unsafe fn send(
+unsafe fn meet<const SEND: bool>(
     channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: as is demanded here.
-    unsafe { Plain::<true>::new(channel, node, turn) }.meet()
-}
-
-/// [`Plain::meet`]: the copy for all receives.
-///
-/// # Safety
-///
-/// As for [`Plain`].
-#[inline(never)]
-unsafe fn recv(
-    channel: NonNull<WaitPoint>,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: as is demanded here.
-    unsafe { Plain::<false>::new(channel, node, turn) }.meet()
+    let plain = unsafe { Plain::<SEND>::new(channel, node, turn) };
+    let wait_point = plain.wait_point();
+    // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
+    // closure of a `send_with` runs under one, but it has no plain turn.
+    let lists = match unsafe { wait_point.enter(turn) } {
+        Ok(lists) => lists,
+        Err(Refused::NotBiased) => return FastPath::No,
+        Err(Refused::Revoked) => return wait_point.revoked(FastPath::No),
+    };
+    let waiting = lists.waiting;
+    // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and
+    // belongs to a process of this executor. `moves_word` says that the channel's values need
+    // no mover. Where the lock is kept, the callee takes it back, for this operation.
+    unsafe {
+        if let Some(partner) = waiting.one(!SEND) {
+            if !lists.moves_word {
+                lists.keep();
+                return part_long::<SEND>(channel, node, turn, partner);
+            }
+            let (from, to) = plain.nodes_of(partner);
+            Waiter::move_word(from, to);
+            return part::<SEND>(wait_point, lists, partner, turn);
+        }
+        if waiting.is_idle() {
+            return plain.wait_alone(lists);
+        }
+        lists.keep();
+        let values = wait_point.identity.values;
+        if waiting.is_store() {
+            return match SEND {
+                true => (values.store)(channel, node, turn),
+                false => (values.take)(channel, node, turn),
+            };
+        }
+        if SEND && waiting == Waiting::REGISTERED {
+            return (values.send_to_registered)(channel, node, turn);
+        }
+        match waiting.guard(!SEND) {
+            Some(guard) => meet_guard::<SEND>(channel, node, turn, guard),
+            None => meet_queues::<SEND>(channel, node, turn),
+        }
+    }
 }
 
 impl<T> Channel<T> {
@@ -351,8 +325,8 @@ impl<T> Channel<T> {
         // stays: as [`Plain`] demands.
         let met = unsafe {
             match is_sender {
-                true => send(channel, node.cast(), turn),
-                false => recv(channel, node.cast(), turn),
+                true => meet::<true>(channel, node.cast(), turn),
+                false => meet::<false>(channel, node.cast(), turn),
             }
         };
         #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The node of a waiter for a mutex or a semaphore, or for a condition and then its mutex.
 
 use super::core::Core;
-use crate::waiter::{Link, Outcome, Waiter};
+use crate::waiter::{Link, Waiter};
 use core::mem::offset_of;
 use core::ptr::NonNull;
 use luna_core::current::{Inheritor, Priority};
@@ -138,16 +138,6 @@ impl Entry {
     /// The part of its waiter that others find it by.
     pub(super) fn link(entry: NonNull<Entry>) -> *mut Link {
         entry.as_ptr().cast()
-    }
-
-    /// What has become of it.
-    ///
-    /// # Safety
-    ///
-    /// It is live and was begun.
-    pub(super) unsafe fn outcome(entry: NonNull<Entry>) -> Outcome {
-        // SAFETY: the entry is live and was begun, as is demanded here, and its waiter with it.
-        unsafe { Waiter::outcome(Self::waiter(entry)) }
     }
 
     /// How urgent it is now; under another runtime, as it was when it was listed.

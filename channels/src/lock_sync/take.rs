@@ -96,7 +96,7 @@ impl<'a> Take<'a> {
     pub(super) fn has_succeeded(&self) -> bool {
         debug_assert_eq!(self.phase, TakePhase::Listed);
         // SAFETY: it was begun, and lies in this future.
-        unsafe { Entry::outcome(self.entry()) == Outcome::Done }
+        unsafe { Waiter::outcome(Entry::waiter(self.entry())) == Outcome::Done }
     }
 
     #[inline(never)]

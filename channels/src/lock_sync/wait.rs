@@ -362,3 +362,46 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
         Take::failure(output)
     }
 }
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use std::sync::{Arc, LazyLock};
+    use std::task::{Wake, Waker};
+
+    type Timed = Pin<Box<WaitOp<'static, 'static, ()>>>;
+
+    /// The wait whose time runs out when another one is woken.
+    static TIMED: std::sync::Mutex<Option<Timed>> = std::sync::Mutex::new(None);
+
+    struct RunsOut;
+
+    impl Wake for RunsOut {
+        fn wake(self: Arc<Self>) {
+            let mut timed = TIMED.lock().unwrap();
+            timed.as_mut().expect("it waits").as_mut().time_out();
+        }
+    }
+
+    #[test]
+    fn a_time_that_runs_out_within_notify_all_counts_as_notified() {
+        static SHARED: LazyLock<(Condvar, [Mutex<()>; 2])> =
+            LazyLock::new(|| (Condvar::new(), [Mutex::new(()), Mutex::new(())]));
+        let (condition, mutexes) = &*SHARED;
+        let [mut first, mut timed] = mutexes
+            .each_ref()
+            .map(|mutex| Box::pin(condition.wait(mutex.try_lock().unwrap())));
+        let runs_out = Waker::from(Arc::new(RunsOut));
+        let polled = first.as_mut().poll(&mut Context::from_waker(&runs_out));
+        assert!(polled.is_pending());
+        let noop = &mut Context::from_waker(Waker::noop());
+        assert!(timed.as_mut().poll(noop).is_pending());
+        *TIMED.lock().unwrap() = Some(timed);
+        // The first is moved to its mutex, and woken, before the other one is moved on.
+        condition.notify_all();
+        let mut timed = TIMED.lock().unwrap().take().unwrap();
+        assert!(timed.as_mut().poll(noop).is_ready());
+        assert!(!timed.timeout_result().timed_out());
+        assert!(first.as_mut().poll(noop).is_ready());
+    }
+}
