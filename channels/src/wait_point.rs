@@ -11,7 +11,7 @@ use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
 use core::hint::black_box;
 use core::ptr::NonNull;
-use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
+use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Here, PlainTurn, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -56,7 +56,8 @@ impl<L: core::ops::DerefMut<Target = WaitQueues>> Lists for L {}
 pub(crate) struct WaitPoint {
     /// On one line with the lock.
     pub(crate) hand_off_slots: HandOffSlots,
-    lock: BiasedLock<WaitQueues>,
+    /// An operation that waits alone, or on a hand-off slot, is not in the lists: see the methods.
+    pub(crate) lock: BiasedLock<WaitQueues>,
     pub(crate) identity: Identity,
 }
 
@@ -191,28 +192,6 @@ impl WaitPoint {
         }
     }
 
-    /// Locks for the executor that owns the bias: see [`BiasedLock::enter_trusted`]. An operation
-    /// that waits alone is not listed.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold this lock.
-    #[inline(always)]
-    pub(crate) unsafe fn enter(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Result<InsideGuard<'_, WaitQueues>, biased_lock::Refused> {
-        // SAFETY: the calling thread does not hold this lock, as is demanded here: all that the
-        // lock demands.
-        unsafe { self.lock.enter_trusted(turn) }
-    }
-
-    /// Whether these are the lists that its lock guards.
-    #[inline(always)]
-    pub(crate) fn has(&self, lists: &WaitQueues) -> bool {
-        self.lock.guards(lists)
-    }
-
     /// See [`BiasedLock::after_revocation`].
     pub(crate) fn after_revocation(&self) {
         self.lock.after_revocation();
@@ -238,11 +217,6 @@ impl WaitPoint {
         // SAFETY: this thread has kept a guard, and takes it back once, as is demanded here: all
         // that the lock demands.
         unsafe { self.lock.kept(turn) }
-    }
-
-    /// Access to the lists of a wait point that no other thread knows yet.
-    pub(crate) fn with_mut(&mut self, f: impl FnOnce(&mut WaitQueues)) {
-        self.lock.with_mut(f);
     }
 
     /// Locks for an occasional look: see [`BiasedLock::lock_briefly`].

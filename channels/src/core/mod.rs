@@ -89,7 +89,7 @@ impl<T> Channel<T> {
             }
         };
         let mut wait_point = WaitPoint::new(identity);
-        wait_point.with_mut(|lists| {
+        wait_point.lock.with_mut(|lists| {
             // A buffer that drops values, or grows, needs the slow path.
             let may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.set_up(

@@ -264,7 +264,7 @@ unsafe fn meet<const SEND: bool>(
     let wait_point = plain.wait_point();
     // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
     // closure of a `send_with` runs under one, but it has no plain turn.
-    let lists = match unsafe { wait_point.enter(turn) } {
+    let lists = match unsafe { wait_point.lock.enter_trusted(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,
         Err(Refused::Revoked) => return wait_point.revoked(FastPath::No),

@@ -71,15 +71,12 @@ pub trait Direction<T>: Sized {
         unsafe { locked.send_now(node.cast(), Self::MAKE, cx) }
     }
 
-    /// Why an operation that has communicated, so, has failed all the same: only one that is
-    /// [answered](Self::ANSWERED) can.
-    #[inline(always)]
-    fn refused(_: &mut Operation<'_, T, Self>, _: Outcome) -> Option<Self::Failure> {
-        None
-    }
-
-    /// Takes the result of an operation that has communicated, and was not refused.
-    fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
+    /// Takes the result of an operation that has communicated, so. Only one that is
+    /// [answered](Self::ANSWERED) can have failed all the same.
+    fn succeeded<'a>(
+        operation: &mut Operation<'a, T, Self>,
+        outcome: Outcome,
+    ) -> Result<Self::Success<'a>, Self::Failure>;
 
     /// Takes the failure of an operation that has failed.
     fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;

@@ -189,10 +189,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match outcome {
             Outcome::Done | Outcome::Held | Outcome::Answered => {
                 self.phase = Phase::Over;
-                match D::refused(self, outcome) {
-                    None => Ok(D::succeeded(self)),
-                    Some(failure) => Err(failure),
-                }
+                D::succeeded(self, outcome)
             }
             Outcome::Broken => {
                 self.broken();
@@ -207,9 +204,9 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 
     /// What an operation returns that is done, and is not [answered](Direction::ANSWERED).
     #[inline(always)]
-    fn done(&mut self) -> D::Success<'a> {
+    fn done(&mut self) -> <Self as Future>::Output {
         self.phase = Phase::Over;
-        D::succeeded(self)
+        D::succeeded(self, Outcome::Done)
     }
 
     /// The closure that was to make the value has panicked, here or on the other side: the channel
@@ -257,7 +254,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
             let met = unsafe { channel.meet_fast(D::SEND, this.waiter(), turn) };
             // One after the other: a jump table costs more than two compares.
             if met == FastPath::Done {
-                return Poll::Ready(Ok(this.done()));
+                return Poll::Ready(this.done());
             }
             if met == FastPath::Waits {
                 this.phase = Phase::Listed;
@@ -268,7 +265,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
         }
         if this.phase == Phase::Listed && D::PLAIN_WHEN_MET && this.outcome() == Outcome::Done {
             this.waits_no_more();
-            return Poll::Ready(Ok(this.done()));
+            return Poll::Ready(this.done());
         }
         cold_path();
         this.poll_slow_path(cx)

@@ -78,12 +78,15 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     }
 
     #[inline(always)]
-    fn succeeded<'a>(receive: &mut RecvOp<'a, T, M>) -> M::Received<'a> {
+    fn succeeded<'a>(
+        receive: &mut RecvOp<'a, T, M>,
+        _: Outcome,
+    ) -> Result<M::Received<'a>, RecvError> {
         let ticket = receive.ticket();
         let note = take(&mut receive.node().direction.note);
         // SAFETY: a done receive holds its value, and no other thread knows the node any more.
         let value = unsafe { receive.take_value() };
-        M::received(receive.end, value, ticket, note)
+        Ok(M::received(receive.end, value, ticket, note))
     }
 
     fn failed(_: &mut RecvOp<'_, T, M>, poisoned: bool) -> RecvError {

@@ -40,7 +40,9 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     }
 
     #[inline(always)]
-    fn succeeded<'a>(_: &mut SendOp<'a, T, S>) {}
+    fn succeeded<'a>(_: &mut SendOp<'a, T, S>, _: Outcome) -> Result<(), Self::Failure> {
+        Ok(())
+    }
 
     fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
         SendError {

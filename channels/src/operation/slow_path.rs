@@ -317,7 +317,7 @@ impl<'a, T, D: GivesUp<T>> Operation<'a, T, D> {
         match attempted {
             Attempted::Done(ready) => {
                 ready.wake();
-                Ok(self.done())
+                self.settled(Outcome::Done).map_err(D::TimeoutFailure::from)
             }
             Attempted::NotNow => {
                 self.phase = Phase::Over;

@@ -5,6 +5,7 @@ use crate::alternative::Entry;
 use crate::replay::Stamped;
 use crate::wait_point::{WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
+use core::hint::cold_path;
 use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::current::Priority;
@@ -41,17 +42,12 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     #[inline]
     pub(crate) fn commit_receiver(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
         if self.lists.registered.is_empty() {
-            self.commit_listed(may_hold)
-        } else {
-            self.commit_any(may_hold)
+            return self.commit_listed(may_hold);
         }
-    }
-
-    #[cold]
-    pub(super) fn commit_any(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
+        cold_path();
+        let first = self.lists.receivers.first();
         // SAFETY: a node in the list is live, and the lock is held.
-        let priority_of = |node: NonNull<WaitNode>| unsafe { node.as_ref() }.priority();
-        let first = self.lists.receivers.first().map(priority_of);
+        let first = first.map(|node| unsafe { node.as_ref() }.priority());
         self.commit_registered(|priority| first.is_none_or(|first| priority > first))
             .or_else(|| self.commit_listed(may_hold))
             .or_else(|| self.commit_registered(|_| true))
