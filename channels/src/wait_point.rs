@@ -5,7 +5,7 @@ mod queues;
 
 pub(crate) use queues::{LastUser, WaitQueues, Waiting};
 
-use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
+use crate::core::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;

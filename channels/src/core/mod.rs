@@ -24,7 +24,7 @@ mod locked;
 mod prologue;
 mod registered;
 
-pub(crate) use hand_off::HandOff;
+pub(crate) use hand_off::{HandOff, HandOffSlots, Nodes, Side};
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
 #[cfg(all(test, loom))]
 pub(crate) use prologue::taken;

@@ -1,7 +1,7 @@
 //! The mutex itself.
 
 use super::core::{Core, Hold};
-use super::error::{LockError, LockTimeoutError, TryLockError};
+use super::guard::{LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
 use super::take::Take;
 #[cfg(not(loom))]

@@ -1,11 +1,11 @@
 //! Locking a mutex and taking permits of a semaphore, as futures.
 
 use super::core::Hold;
-use super::error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError};
 use super::guard::MutexGuard;
+use super::guard::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError};
 use super::mutex::Mutex;
-use super::permit::SemaphorePermit;
 use super::semaphore::Semaphore;
+use super::semaphore::SemaphorePermit;
 use super::take::{InTime, Take};
 use crate::replay;
 use core::future::Future;

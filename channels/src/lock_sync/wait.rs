@@ -3,8 +3,8 @@
 use super::condition::{Condvar, Notified};
 use super::core::Hold;
 use super::entry::{Cause, Entry};
-use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
+use super::guard::{AcquireError, LockError};
 use super::mutex::Mutex;
 use super::take::{self, Take, TakePhase};
 use super::taking::Permits;

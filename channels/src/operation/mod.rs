@@ -10,15 +10,10 @@
 mod direction;
 mod guard;
 mod logged;
-mod receiving;
-mod sending;
 mod slow_path;
-mod timed;
 
-pub use direction::{Direction, GivesUp};
-pub use receiving::{Receiving, RecvOp};
-pub use sending::{SendOp, Sending};
-pub use timed::{RecvTimeout, SendTimeout, Timed};
+pub use direction::{Direction, GivesUp, Receiving, RecvOp, SendOp, Sending};
+pub use logged::{RecvTimeout, SendTimeout, Timed};
 
 use crate::core::{Channel, FastPath};
 use crate::end::End;

@@ -13,13 +13,11 @@
 //! ```
 
 mod log;
-mod order;
 
 pub(crate) use log::{
-    abandon, call, differs, failure, is_held_after, is_on, is_replayed, look, meeting, now,
-    outside, own_stamp, settle, stamp,
+    LogState, Order, Stamped, abandon, call, differs, failure, is_held_after, is_on, is_replayed,
+    look, meeting, now, outside, own_stamp, settle, stamp,
 };
-pub(crate) use order::{LogState, Order, Stamped};
 
 use core::future::Future;
 use core::pin::Pin;
