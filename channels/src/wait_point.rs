@@ -5,11 +5,12 @@ mod queues;
 
 pub(crate) use queues::{LastUser, WaitQueues, Waiting};
 
-use crate::core::{HandOffSlots, Nodes, Side};
+use crate::core::{HandOffSlots, Nodes};
 use crate::inspect::Identity;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
 use core::hint::black_box;
+use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Here, PlainTurn, User};
@@ -46,8 +47,8 @@ pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
 }
 
 /// The lists, under their lock, in whichever way it is held.
-pub(crate) trait Lists: core::ops::DerefMut<Target = WaitQueues> {}
-impl<L: core::ops::DerefMut<Target = WaitQueues>> Lists for L {}
+pub trait Lists: DerefMut<Target = WaitQueues> {}
+impl<L: DerefMut<Target = WaitQueues>> Lists for L {}
 
 /// Where processes meet. It must lie at the beginning of a cache line, so that a rendezvous writes
 /// one line only.
@@ -62,7 +63,7 @@ pub(crate) struct WaitPoint {
 }
 
 // SAFETY: the queues are guarded by their lock, and the slots by their protocol: see
-// `hand_off_slots`.
+// `HandOffSlots`.
 unsafe impl Sync for WaitPoint {}
 
 impl WaitPoint {
@@ -178,16 +179,16 @@ impl WaitPoint {
 
     #[cold]
     fn list_from_slots(&self, lists: &mut WaitQueues) {
-        for side in [Side::Sender, Side::Receiver] {
-            if self.hand_off_slots.is_waiting(side)
-                && let Some(node) = lists.hand_off.get(side)
+        for is_sender in [true, false] {
+            if self.hand_off_slots.is_waiting(is_sender)
+                && let Some(node) = lists.hand_off.get(is_sender)
             {
-                let queue = lists.queue(side == Side::Sender);
+                let queue = lists.queue(is_sender);
                 // SAFETY: an operation that waits on a hand-off slot has begun its node, which is
                 // in no list and stays where it is; it looks until the slot says what has come of
                 // that.
                 unsafe { queue.insert_again(node) };
-                self.hand_off_slots.say_listed(side);
+                self.hand_off_slots.say_listed(is_sender);
             }
         }
     }

@@ -172,7 +172,11 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
     const PLAIN: bool = false;
     const ANSWERED: bool = true;
 
-    fn succeeded<'a>(call: &mut CallOp<'a, Q, A>, outcome: Outcome) -> Result<A, CallError<Q>> {
+    fn succeeded<'a>(_: &mut CallOp<'a, Q, A>) -> A {
+        unreachable!("a call is answered")
+    }
+
+    fn communicated<'a>(call: &mut CallOp<'a, Q, A>, outcome: Outcome) -> Result<A, CallError<Q>> {
         match outcome {
             // SAFETY: an answered node holds a value, and no other thread knows it.
             Outcome::Answered => match unsafe { call.take_value() } {

@@ -71,7 +71,7 @@ impl<T> Locked<'_, T> {
         is_sender: bool,
         node: NonNull<Waiter<T>>,
     ) -> HandOff {
-        let (own, other) = (Side::of(is_sender), Side::of(!is_sender));
+        let (own, other) = (is_sender, !is_sender);
         let wait_point = &self.channel.wait_point;
         let slots = &wait_point.hand_off_slots;
         let lists = &mut *self.lists;
@@ -143,9 +143,9 @@ impl<T> Channel<T> {
         // here. One with room lies in the slot of the operation that waited, any other in its node.
         unsafe {
             match (is_sender, has_room::<T>()) {
-                (true, true) => slots.put(Side::Receiver, Waiter::take_value_of(node)),
+                (true, true) => slots.put(false, Waiter::take_value_of(node)),
                 (true, false) => Waiter::put_value_of(partner, Waiter::take_value_of(node)),
-                (false, true) => Waiter::put_value_of(node, slots.take(Side::Sender)),
+                (false, true) => Waiter::put_value_of(node, slots.take(true)),
                 (false, false) => Waiter::put_value_of(node, Waiter::take_value_of(partner)),
             }
         }
@@ -164,48 +164,30 @@ impl<T> Channel<T> {
         is_sender: bool,
         cx: &Context<'_>,
     ) -> Outcome {
-        let side = Side::of(is_sender);
         let hand_off_slots = &self.wait_point.hand_off_slots;
         // The looking operation must leave the hand-off slot itself. A panic that would drop it on
         // the way (in the test for attention of its thread) ends the program.
         let stays = AbortOnDrop;
-        spin::look(|| !hand_off_slots.is_waiting(side));
+        spin::look(|| !hand_off_slots.is_waiting(is_sender));
         core::mem::forget(stays);
         // Taking the lock lists an operation that still waits on a hand-off slot.
-        let locked = (!hand_off_slots.is_done(side)).then(|| self.lock());
-        let is_done = hand_off_slots.is_done(side);
+        let locked = (!hand_off_slots.is_done(is_sender)).then(|| self.lock());
+        let is_done = hand_off_slots.is_done(is_sender);
         // SAFETY: the operation waited on this slot with this node, and this is its poll, as is
         // demanded here. From `DONE` on the partner touches neither the node nor the slot: both are
         // this future's. A value with room that it received lies in the slot, and none in its node.
         unsafe {
-            if is_done && side == Side::Receiver && has_room::<T>() {
-                Waiter::put_value_of(node, hand_off_slots.take(side));
+            if is_done && !is_sender && has_room::<T>() {
+                Waiter::put_value_of(node, hand_off_slots.take(is_sender));
             }
         }
-        hand_off_slots.leave(side);
+        hand_off_slots.leave(is_sender);
         if is_done {
             return Outcome::Done;
         }
         // SAFETY: it was listed, here or by another operation, and not withdrawn; `locked` is this
         // channel's.
         unsafe { self.renew_wake_handle(locked, node, Renewal::of(cx)) }
-    }
-}
-
-/// The two sides of a hand-off.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Side {
-    Sender,
-    Receiver,
-}
-
-impl Side {
-    #[inline(always)]
-    pub(crate) fn of(is_sender: bool) -> Self {
-        match is_sender {
-            true => Side::Sender,
-            false => Side::Receiver,
-        }
     }
 }
 
@@ -234,15 +216,15 @@ impl Nodes {
 
     /// The waiter's node: valid while its hand-off slot is waited on.
     #[inline]
-    pub(crate) fn get(&self, side: Side) -> Option<NonNull<WaitNode>> {
-        self.0[side as usize]
+    pub(crate) fn get(&self, is_sender: bool) -> Option<NonNull<WaitNode>> {
+        self.0[usize::from(is_sender)]
     }
 
     /// Stores the waiter's node, if it is another one than before.
     #[inline]
-    pub(crate) fn note(&mut self, side: Side, node: NonNull<WaitNode>) {
-        if self.get(side) != Some(node) {
-            self.0[side as usize] = Some(node);
+    pub(crate) fn note(&mut self, is_sender: bool, node: NonNull<WaitNode>) {
+        if self.get(is_sender) != Some(node) {
+            self.0[usize::from(is_sender)] = Some(node);
         }
     }
 }
@@ -279,21 +261,21 @@ impl HandOffSlots {
     }
 
     #[inline]
-    fn load(&self, side: Side) -> u8 {
+    fn load(&self, is_sender: bool) -> u8 {
         // Acquire: a thread that sees `DONE` sees the value that came with it.
-        self.states[side as usize].load(Ordering::Acquire)
+        self.states[usize::from(is_sender)].load(Ordering::Acquire)
     }
 
     #[inline]
-    fn store(&self, side: Side, state: u8) {
+    fn store(&self, is_sender: bool, state: u8) {
         // Release: as for `load`.
-        self.states[side as usize].store(state, Ordering::Release);
+        self.states[usize::from(is_sender)].store(state, Ordering::Release);
     }
 
     /// Whether an operation waits on this side. Exact under the lock.
     #[inline]
-    pub(crate) fn is_waiting(&self, side: Side) -> bool {
-        self.load(side) == state::WAITING
+    pub(crate) fn is_waiting(&self, is_sender: bool) -> bool {
+        self.load(is_sender) == state::WAITING
     }
 
     /// Whether an operation waits on either side. Exact under the lock.
@@ -301,43 +283,43 @@ impl HandOffSlots {
     pub(crate) fn is_anybody_waiting(&self) -> bool {
         // Both in one word, since nearly every slow-path operation asks this: only `WAITING` has
         // its bit.
-        let states = self.load(Side::Sender) | self.load(Side::Receiver);
+        let states = self.load(true) | self.load(false);
         states & state::WAITING != 0
     }
 
     /// Whether an operation can come to wait on this side. Under the lock.
     #[inline]
-    pub(crate) fn is_free(&self, side: Side) -> bool {
-        self.load(side) == state::FREE
+    pub(crate) fn is_free(&self, is_sender: bool) -> bool {
+        self.load(is_sender) == state::FREE
     }
 
     /// The calling operation waits from now on. Under the lock, on a hand-off slot that is free.
     #[inline]
-    pub(crate) fn occupy(&self, side: Side) {
-        self.store(side, state::WAITING);
+    pub(crate) fn occupy(&self, is_sender: bool) {
+        self.store(is_sender, state::WAITING);
     }
 
     /// The waiter on this side has met its partner. Under the lock.
     #[inline]
-    pub(crate) fn settle(&self, side: Side) {
-        self.store(side, state::DONE);
+    pub(crate) fn settle(&self, is_sender: bool) {
+        self.store(is_sender, state::DONE);
     }
 
     /// The waiter on this side was listed. Under the lock.
-    pub(crate) fn say_listed(&self, side: Side) {
-        self.store(side, state::LISTED);
+    pub(crate) fn say_listed(&self, is_sender: bool) {
+        self.store(is_sender, state::LISTED);
     }
 
     /// Called by the waiter on this side: whether its partner has come.
     #[inline]
-    pub(crate) fn is_done(&self, side: Side) -> bool {
-        self.load(side) == state::DONE
+    pub(crate) fn is_done(&self, is_sender: bool) -> bool {
+        self.load(is_sender) == state::DONE
     }
 
     /// The waiter on this side leaves: it is done or was listed.
     #[inline]
-    pub(crate) fn leave(&self, side: Side) {
-        self.store(side, state::FREE);
+    pub(crate) fn leave(&self, is_sender: bool) {
+        self.store(is_sender, state::FREE);
     }
 
     /// Puts a value there.
@@ -346,11 +328,12 @@ impl HandOffSlots {
     ///
     /// By the type's invariants the caller may access the value, and it has [room](has_room).
     #[inline]
-    pub(crate) unsafe fn put<T>(&self, side: Side, value: T) {
+    pub(crate) unsafe fn put<T>(&self, is_sender: bool, value: T) {
         const { assert!(!has_room::<T>() || align_of::<Room>() >= align_of::<T>()) };
         // SAFETY: the value has room in the slot. By the type's invariants this thread alone
         // accesses the slot's value: it may change the state.
-        self.values[side as usize].with_mut(|room| unsafe { room.cast::<T>().write(value) });
+        self.values[usize::from(is_sender)]
+            .with_mut(|room| unsafe { room.cast::<T>().write(value) });
     }
 
     /// Moves the value out.
@@ -359,9 +342,9 @@ impl HandOffSlots {
     ///
     /// As for [`put`](Self::put); and a value of this type was put there, and was not taken since.
     #[inline]
-    pub(crate) unsafe fn take<T>(&self, side: Side) -> T {
+    pub(crate) unsafe fn take<T>(&self, is_sender: bool) -> T {
         // SAFETY: a value of this type lies there, and is read once. By the type's invariants this
         // thread alone accesses it: it may change the state.
-        self.values[side as usize].with(|room| unsafe { room.cast::<T>().read() })
+        self.values[usize::from(is_sender)].with(|room| unsafe { room.cast::<T>().read() })
     }
 }

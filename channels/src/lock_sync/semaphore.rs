@@ -127,18 +127,12 @@ impl Semaphore {
     /// # }).unwrap();
     /// ```
     pub fn acquire_timeout(&self, timeout: Duration) -> AcquireTimeout<'_> {
-        AcquireTimeout {
-            op: self.acquire(),
-            sleep: Sleep::after(timeout),
-        }
+        self.acquire().until(Sleep::after(timeout))
     }
 
     /// Like [`acquire_timeout`](Self::acquire_timeout), until an absolute deadline.
     pub fn acquire_deadline(&self, deadline: Instant) -> AcquireTimeout<'_> {
-        AcquireTimeout {
-            op: self.acquire(),
-            sleep: Sleep::until(deadline),
-        }
+        self.acquire().until(Sleep::until(deadline))
     }
 
     /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread

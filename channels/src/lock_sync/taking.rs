@@ -97,6 +97,12 @@ pin_project! {
     }
 }
 
+impl<'a, P> TakeOp<'a, P> {
+    pub(super) fn until(self, sleep: Sleep) -> TakeTimeout<'a, P> {
+        TakeTimeout { op: self, sleep }
+    }
+}
+
 impl<P: Permits> Future for TakeOp<'_, P> {
     type Output = Result<P::Guard, P::Error>;
 
@@ -115,9 +121,9 @@ pin_project! {
     #[must_use = "an operation does nothing unless awaited"]
     pub struct TakeTimeout<'a, P> {
         #[pin]
-        pub(super) op: TakeOp<'a, P>,
+        op: TakeOp<'a, P>,
         #[pin]
-        pub(super) sleep: Sleep,
+        sleep: Sleep,
     }
 }
 

@@ -6,11 +6,10 @@ use crate::end::End;
 use crate::error::{Ended, RecvError, RecvTimeoutError, SendError, SendTimeoutError};
 use crate::extended::{Mode, Noted, Releasing};
 use crate::source::{InNode, Source};
-use crate::wait_point::WaitQueues;
+use crate::wait_point::Lists;
 use crate::waiter::{Begun, Make, Outcome, Waiter};
 use core::cell::UnsafeCell;
 use core::mem::{ManuallyDrop, MaybeUninit, needs_drop, take};
-use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
 
@@ -65,7 +64,7 @@ pub trait Direction<T>: Sized {
     /// `node` is a new operation's, of the locked channel. With `cx`, it stays where it is until it
     /// is settled or withdrawn.
     #[inline]
-    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
+    unsafe fn attempt<L: Lists>(
         node: NonNull<Node<T, Self>>,
         locked: &mut ChannelGuard<'_, T, L>,
         cx: Option<&Context<'_>>,
@@ -76,12 +75,18 @@ pub trait Direction<T>: Sized {
         unsafe { locked.send_now(node.cast(), Self::MAKE, cx) }
     }
 
-    /// Takes the result of an operation that has communicated, so. Only one that is
-    /// [answered](Self::ANSWERED) can have failed all the same.
-    fn succeeded<'a>(
+    /// Takes the result of an operation that has communicated and is not
+    /// [answered](Self::ANSWERED). Not a `Result`: that would cost each communication two
+    /// instructions.
+    fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
+
+    /// Takes the result of any operation that has communicated, so.
+    fn communicated<'a>(
         operation: &mut Operation<'a, T, Self>,
-        outcome: Outcome,
-    ) -> Result<Self::Success<'a>, Self::Failure>;
+        _: Outcome,
+    ) -> Result<Self::Success<'a>, Self::Failure> {
+        Ok(Self::succeeded(operation))
+    }
 
     /// Takes the failure of an operation that has failed.
     fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;
@@ -145,9 +150,7 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     }
 
     #[inline(always)]
-    fn succeeded<'a>(_: &mut SendOp<'a, T, S>, _: Outcome) -> Result<(), Self::Failure> {
-        Ok(())
-    }
+    fn succeeded<'a>(_: &mut SendOp<'a, T, S>) {}
 
     fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
         SendError {
@@ -256,7 +259,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     };
 
     #[inline]
-    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
+    unsafe fn attempt<L: Lists>(
         mut node: NonNull<Node<T, Self>>,
         locked: &mut ChannelGuard<'_, T, L>,
         _: Option<&Context<'_>>,
@@ -288,15 +291,12 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     }
 
     #[inline(always)]
-    fn succeeded<'a>(
-        receive: &mut RecvOp<'a, T, M>,
-        _: Outcome,
-    ) -> Result<M::Received<'a>, RecvError> {
+    fn succeeded<'a>(receive: &mut RecvOp<'a, T, M>) -> M::Received<'a> {
         let ticket = receive.ticket();
         let note = take(&mut receive.node().direction.note);
         // SAFETY: a done receive holds its value, and no other thread knows the node any more.
         let value = unsafe { receive.take_value() };
-        Ok(M::received(receive.end, value, ticket, note))
+        M::received(receive.end, value, ticket, note)
     }
 
     fn failed(_: &mut RecvOp<'_, T, M>, poisoned: bool) -> RecvError {

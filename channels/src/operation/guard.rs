@@ -176,7 +176,7 @@ impl<'a, T, D: Direction<T>> Guard for Operation<'a, T, D> {
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         let this = self.in_place();
         match this.outcome() {
-            Outcome::Done if !D::ANSWERED => this.done(),
+            Outcome::Done if !D::ANSWERED => Ok(this.done()),
             outcome => {
                 cold_path();
                 this.settled(outcome)

@@ -11,6 +11,7 @@ use crate::waiter::{Outcome, Waiter};
 use core::future::Future;
 use core::pin::Pin;
 use core::task::{Context, Poll};
+use luna_core::current;
 use luna_core::replay_log::{Event, Turn};
 use luna_core::timer_queue::Sleep;
 use pin_project_lite::pin_project;
@@ -47,7 +48,20 @@ impl<'a, T, D: Direction<T>> Logged for Operation<'a, T, D> {
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
-        self.poll_under_lock(cx)
+        match self.phase {
+            Phase::New => self.poll_new(cx),
+            Phase::Listed | Phase::Logged => self.poll_listed(cx),
+            Phase::GaveWay => Poll::Ready(self.settled(Outcome::Done)),
+            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
+                if current::branch_failed() {
+                    current::stay_in_branch();
+                }
+                Poll::Ready(self.settled(outcome))
+            }
+            Phase::Overwrote | Phase::Settled(_) | Phase::Over => {
+                panic!("a {} was polled after it was over", D::NAME)
+            }
+        }
     }
 
     fn wait_logged(&mut self) {
@@ -130,9 +144,9 @@ pin_project! {
     #[must_use = "an operation does nothing unless awaited"]
     pub struct Timed<'a, T, D: GivesUp<T>, S> {
         #[pin]
-        pub(crate) operation: Operation<'a, T, D>,
+        pub(super) operation: Operation<'a, T, D>,
         #[pin]
-        pub(crate) stop: S,
+        pub(super) stop: S,
     }
 }
 

@@ -123,6 +123,16 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         self.node_pointer().cast()
     }
 
+    /// Until `stop` has ended.
+    #[inline(always)]
+    pub(crate) fn until<S>(self, stop: S) -> Timed<'a, T, D, S>
+    where
+        D: GivesUp<T>,
+    {
+        let operation = self;
+        Timed { operation, stop }
+    }
+
     /// Not to be called while the node is listed: others change it then.
     #[inline]
     fn node(&mut self) -> &mut Node<T, D> {
@@ -184,7 +194,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match outcome {
             Outcome::Done | Outcome::Held | Outcome::Answered => {
                 self.phase = Phase::Over;
-                D::succeeded(self, outcome)
+                D::communicated(self, outcome)
             }
             Outcome::Broken => {
                 self.broken();
@@ -199,9 +209,9 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 
     /// What an operation returns that is done, and is not [answered](Direction::ANSWERED).
     #[inline(always)]
-    fn done(&mut self) -> <Self as Future>::Output {
+    fn done(&mut self) -> D::Success<'a> {
         self.phase = Phase::Over;
-        D::succeeded(self, Outcome::Done)
+        D::succeeded(self)
     }
 
     /// The closure that was to make the value has panicked, here or on the other side: the channel
@@ -249,7 +259,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
             let met = unsafe { channel.meet_fast(D::SEND, this.waiter(), turn) };
             // One after the other: a jump table costs more than two compares.
             if met == FastPath::Done {
-                return Poll::Ready(this.done());
+                return Poll::Ready(Ok(this.done()));
             }
             if met == FastPath::Waits {
                 this.phase = Phase::Listed;
@@ -260,7 +270,7 @@ impl<'a, T, D: Direction<T>> Future for Operation<'a, T, D> {
         }
         if this.phase == Phase::Listed && D::PLAIN_WHEN_MET && this.outcome() == Outcome::Done {
             this.waits_no_more();
-            return Poll::Ready(this.done());
+            return Poll::Ready(Ok(this.done()));
         }
         cold_path();
         this.poll_slow_path(cx)

@@ -221,31 +221,3 @@ fn a_drop_that_races_with_the_partner_neither_loses_nor_doubles_the_value() {
         ledger.assert_all_dropped_once();
     }
 }
-
-/// What is received in the end, when a receive that was given 0 is dropped after `sent` were sent
-/// to an overwriting buffer of this `capacity`: what would have been overwritten goes.
-fn received(buffer: Buffer, capacity: usize, sent: std::ops::Range<i32>) -> Vec<i32> {
-    let (sender, receiver) = buffered(buffer);
-    {
-        let mut recv = Box::pin(receiver.recv());
-        pending(&mut recv);
-        for number in sent {
-            assert!(sender.try_send(number).is_ok());
-        }
-    }
-    // The buffer overwrites at its capacity again.
-    assert!(receiver.buffered() <= capacity);
-    std::iter::from_fn(|| receiver.try_recv().ok()).collect()
-}
-
-#[test]
-fn a_value_that_came_back_to_an_overwriting_buffer_takes_the_place_that_it_had() {
-    let (oldest, newest) = (Buffer::overwrite_oldest, Buffer::overwrite_newest);
-    assert_eq!(received(oldest(1), 1, 0..2), [1]);
-    assert_eq!(received(oldest(3), 3, 0..4), [1, 2, 3]);
-    assert_eq!(received(newest(1), 1, 0..2), [1]);
-    assert_eq!(received(newest(3), 3, 0..4), [0, 1, 3]);
-    // There is room for it.
-    assert_eq!(received(oldest(3), 3, 0..3), [0, 1, 2]);
-    assert_eq!(received(newest(3), 3, 0..3), [0, 1, 2]);
-}

@@ -24,6 +24,7 @@ mod extended;
 mod fairness;
 mod fast_alternatives;
 mod foreign_executors;
+mod given_back;
 mod hostile;
 mod hostile_futures;
 mod invariants;

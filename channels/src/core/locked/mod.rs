@@ -5,12 +5,11 @@ mod transfer;
 use super::{Channel, Ending};
 use crate::alternative::Entry;
 use crate::replay::Stamped;
-use crate::wait_point::{WaitQueues, user_number};
+use crate::wait_point::{Lists, WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
 use alloc::collections::VecDeque;
 use core::fmt;
 use core::hint::cold_path;
-use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::current::{Here, Inheritor, PendingWake, Priority};
@@ -72,7 +71,7 @@ impl<T, L> fmt::Debug for ChannelGuard<'_, T, L> {
 /// A channel guard that holds the lock itself.
 pub(crate) type Locked<'a, T> = ChannelGuard<'a, T, BiasedGuard<'a, WaitQueues>>;
 
-impl<'a, T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'a, T, L> {
+impl<'a, T, L: Lists> ChannelGuard<'a, T, L> {
     #[inline]
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
         let lists = &mut *self.lists;
@@ -192,9 +191,7 @@ impl<'a, T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'a, T, L> {
             (None, _) => {}
         }
     }
-}
 
-impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     /// Lists the operations that wait on the hand-off slots: from here on all is as if there were
     /// no hand-off slots.
     #[inline]
@@ -209,9 +206,7 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
         drop(self);
         channel.ring();
     }
-}
 
-impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     /// Claims the first registered alternative that waits and that `accepts` admits for its
     /// priority. Its node stays listed.
     #[cold]

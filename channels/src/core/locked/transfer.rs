@@ -5,17 +5,16 @@ use crate::buffer::WhenFull;
 use crate::call::boost_to_receiver;
 use crate::core::Ending;
 use crate::replay::{self, Stamped};
-use crate::wait_point::{LastUser, WaitQueues, user_number};
+use crate::wait_point::{LastUser, Lists, user_number};
 use crate::waiter::{Begun, Make, Outcome, Waiter};
 use alloc::vec::Vec;
 use core::hint::cold_path;
-use core::ops::DerefMut;
 use core::ptr::NonNull;
 use core::task::Context;
 use luna_core::current::{PendingWake, WakeHandle};
 use luna_core::events;
 
-impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
+impl<T, L: Lists> ChannelGuard<'_, T, L> {
     /// Records that the current process gives its value to this receiver.
     ///
     /// # Safety
@@ -175,9 +174,7 @@ impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
             Attempted::Held(Waiter::settle(receiver, Outcome::Done))
         }
     }
-}
 
-impl<T, L: DerefMut<Target = WaitQueues>> ChannelGuard<'_, T, L> {
     /// Receives into `node` at once, if possible. O(1).
     ///
     /// # Safety
