@@ -101,7 +101,8 @@ impl Plan {
             return Err(self.ended(name));
         }
         if let Some(running) = &members.running {
-            members.started.note_ends(&running.common);
+            // A spawn may free memory, and need not put it aside.
+            luna_core::path::off_path(|| members.started.note_ends(&running.common));
         }
         if !plan.shares_name && !members.started.take_name(plan.spec.name()) {
             // The process that had it may have ended, and others may know that, though its executor

@@ -70,14 +70,14 @@ impl Running {
                     spec = spec.unhurried();
                 }
                 let executor = &self.executors[number];
-                let (announced, handle) = start.announce(executor, spec, common.clone());
+                let (announced, handle) = start.announce(executor, spec, common);
                 (handle, On::Executor(number), Started::OnExecutor(announced))
             }
             Placement::Thread(attributes) => {
                 let name = spec.name().to_string();
                 let thread_name = attributes.name().to_owned();
                 let attributes = (*attributes).mode(self.mode);
-                let announce = |executor: &_| start.announce(executor, spec, common.clone());
+                let announce = |executor: &_| start.announce(executor, spec, common);
                 let started = match &self.simulation {
                     None => OsThread::start_counted(attributes, common.registry.clone(), announce),
                     Some(simulation) => {
