@@ -130,7 +130,8 @@ impl ProcessRegistry {
     }
 
     /// As [`take_ended`](Self::take_ended), for the last time: processes that end later are not
-    /// listed.
+    /// listed. To be called at the end by what has listed processes: those that were listed and not
+    /// taken keep this registry, by their executor, and are never freed.
     pub fn close_ended(&self, each: impl FnMut(ProcessHandle)) {
         let newest = self.ended.swap(CLOSED, Ordering::Acquire);
         if newest != CLOSED {
@@ -256,12 +257,6 @@ impl ProcessRegistry {
         }
         let was_last = self.count.fetch_sub(1, Ordering::AcqRel) == 1;
         self.change(in_a_hurry || was_last);
-    }
-}
-
-impl Drop for ProcessRegistry {
-    fn drop(&mut self) {
-        self.close_ended(|_| ());
     }
 }
 

@@ -5,8 +5,8 @@ use super::{Members, Names, Phase, Placement, Plan, ProcessPlan, duplicate};
 use crate::csp::process::clean_up;
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
-use luna_core::ProcessHandle;
 use luna_core::current::ProcessId;
+use luna_core::{ProcessHandle, make_room};
 use std::sync::MutexGuard;
 
 /// The names of a process that is about to be added. Dropping it gives them back.
@@ -44,6 +44,7 @@ impl Plan {
     /// the user's, and those that have ended meanwhile.
     pub(crate) fn add_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
+        make_room();
         self.add_admitted(self.admit(&plan)?, plan)?;
         Ok(id)
     }
@@ -51,12 +52,14 @@ impl Plan {
     /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
     pub(crate) fn add_reserved(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
+        make_room();
         self.add_admitted(self.members(), plan)?;
         Ok(id)
     }
 
     /// As [`add_process`](Self::add_process), to a system that runs.
     pub(crate) fn start_process(&self, plan: ProcessPlan) -> Result<ProcessHandle> {
+        make_room();
         let mut members = self.admit(&plan)?;
         if members.running.is_none() {
             members.give_back(&plan.names());
