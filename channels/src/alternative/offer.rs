@@ -6,7 +6,7 @@ use super::when::{Due, When};
 use crate::barrier::SyncOp;
 use crate::operation::{Direction, Operation};
 use crate::wait_point::{WaitPoint, Waiting};
-use crate::waiter::Waiter;
+use crate::waiter::{Outcome, Waiter};
 use core::marker::PhantomPinned;
 use core::mem::MaybeUninit;
 use core::pin::Pin;
@@ -293,7 +293,7 @@ impl<'a> Offer<'a> {
                     && lists.waiting == Waiting::alone_guard(waiter.cast(), self.of_sender())
                 {
                     lists.set_nothing_waits();
-                    return Waiter::settle_stale(waiter);
+                    return Waiter::set_outcome(waiter, Outcome::Stale);
                 }
             }
         }
