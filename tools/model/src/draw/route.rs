@@ -64,9 +64,12 @@ enum Side {
     Right,
 }
 
+/// How far along a side an end is, its arrow, and whether that ends there.
+type AtSide = (f64, usize, bool);
+
 /// Where each arrow begins (false) and ends (true).
 fn ends(boxes: &[Area], arrows: &[Arrow]) -> BTreeMap<(usize, bool), End> {
-    let mut at_sides: BTreeMap<(usize, Side), Vec<(f64, usize, bool)>> = BTreeMap::new();
+    let mut at_sides: BTreeMap<(usize, Side), Vec<AtSide>> = BTreeMap::new();
     for (number, arrow) in arrows.iter().enumerate() {
         if arrow.from == arrow.to {
             continue;
