@@ -4,6 +4,7 @@
 use super::{NonNull, WaitPoint};
 use alloc::vec::Vec;
 use core::cell::Cell;
+use core::panic::Location;
 use luna_platform::lock::PiLock;
 
 type Link = Cell<Option<NonNull<WaitPoint>>>;
@@ -42,6 +43,11 @@ static REGISTER: PiLock<Ends> = PiLock::new(Ends {
     first: None,
     last: None,
 });
+
+/// Which of those at its place a wait point is, is not counted here.
+pub(super) fn nth_at(_: &'static Location<'static>) -> u16 {
+    1
+}
 
 /// Registers a wait point. O(1).
 ///

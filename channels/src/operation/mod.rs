@@ -23,6 +23,7 @@ pub use timed::{RecvTimeout, SendTimeout, Timed};
 use crate::core::{Channel, FastPath};
 use crate::end::End;
 use crate::in_place::InPlace;
+use crate::inspect;
 use crate::replay;
 use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
@@ -200,7 +201,9 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
             }
             ending => {
                 self.phase = Phase::Over;
-                Err(D::failed(self, ending == Outcome::Poisoned))
+                let poisoned = ending == Outcome::Poisoned;
+                inspect::note_failure(self.channel().wait_point(), D::SEND, poisoned);
+                Err(D::failed(self, poisoned))
             }
         }
     }
