@@ -142,10 +142,7 @@ impl<T> Sender<T> {
     /// ```
     #[inline]
     pub fn send_timeout(&self, value: T, timeout: Duration) -> SendTimeout<'_, T> {
-        SendTimeout {
-            operation: self.send(value),
-            stop: Sleep::after(timeout),
-        }
+        self.send(value).until(Sleep::after(timeout))
     }
 
     /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations
@@ -161,10 +158,7 @@ impl<T> Sender<T> {
     /// ```
     #[inline]
     pub fn send_deadline(&self, value: T, deadline: Instant) -> SendTimeout<'_, T> {
-        SendTimeout {
-            operation: self.send(value),
-            stop: Sleep::until(deadline),
-        }
+        self.send(value).until(Sleep::until(deadline))
     }
 
     /// Like [`send`](Self::send), until `stop` has ended: then it gives up, as at a deadline, and
@@ -193,10 +187,7 @@ impl<T> Sender<T> {
     /// # }).unwrap();
     /// ```
     pub fn send_unless<S: Future<Output = ()>>(&self, value: T, stop: S) -> SendTimeout<'_, T, S> {
-        SendTimeout {
-            operation: self.send(value),
-            stop,
-        }
+        self.send(value).until(stop)
     }
 
     /// Like [`send`](Self::send), blocking this thread. For plain threads and OS-thread processes.

@@ -172,30 +172,22 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
     const PLAIN: bool = false;
     const ANSWERED: bool = true;
 
-    fn refused(call: &mut CallOp<'_, Q, A>, outcome: Outcome) -> Option<CallError<Q>> {
+    fn succeeded<'a>(_: &mut CallOp<'a, Q, A>) -> A {
+        unreachable!("a call is answered")
+    }
+
+    fn communicated<'a>(call: &mut CallOp<'a, Q, A>, outcome: Outcome) -> Result<A, CallError<Q>> {
         match outcome {
             // SAFETY: an answered node holds a value, and no other thread knows it.
             Outcome::Answered => match unsafe { call.take_value() } {
-                Message::Answer(answer) => {
-                    // SAFETY: as before; the value was taken.
-                    unsafe { Waiter::put_value_of(call.waiter(), Message::Answer(answer)) };
-                    None
-                }
-                _ => Some(CallError::Unanswered),
+                Message::Answer(answer) => Ok(answer),
+                _ => Err(CallError::Unanswered),
             },
             // Its branch has failed while the server had the request.
-            Outcome::Held => Some(CallError::Interrupted),
-            _ if call.channel().is_poisoned() => Some(CallError::Interrupted),
+            Outcome::Held => Err(CallError::Interrupted),
+            _ if call.channel().is_poisoned() => Err(CallError::Interrupted),
             // A call that was forgotten until the last server went.
-            _ => Some(CallError::Unanswered),
-        }
-    }
-
-    fn succeeded<'a>(call: &mut CallOp<'a, Q, A>) -> A {
-        // SAFETY: it was not refused, so its node holds the answer, and no other thread knows it.
-        match unsafe { call.take_value() } {
-            Message::Answer(answer) => answer,
-            _ => unreachable!("a call succeeds by an answer"),
+            _ => Err(CallError::Unanswered),
         }
     }
 

@@ -24,7 +24,7 @@ mod locked;
 mod prologue;
 mod registered;
 
-pub(crate) use hand_off::HandOff;
+pub(crate) use hand_off::{HandOff, HandOffSlots, Nodes};
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
 #[cfg(all(test, loom))]
 pub(crate) use prologue::taken;
@@ -35,12 +35,11 @@ use crate::buffer::{Buffer, WhenFull};
 use crate::finally::Finally;
 use crate::inspect::{Identity, ValueMethods, WaitPointKind};
 pub(crate) use crate::wait_point::Ending;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::{Lists, WaitPoint};
 use crate::waiter::{Outcome, Waiter};
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
 use core::mem::offset_of;
-use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::current::{self, Here, Renewal, WakeHandle};
 use luna_core::deferred_free::Retired;
@@ -89,7 +88,7 @@ impl<T> Channel<T> {
             }
         };
         let mut wait_point = WaitPoint::new(identity);
-        wait_point.with_mut(|lists| {
+        wait_point.lock.with_mut(|lists| {
             // A buffer that drops values, or grows, needs the slow path.
             let may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.set_up(
@@ -189,7 +188,7 @@ impl<T> Channel<T> {
     ///
     /// `lists` are those of this channel.
     #[inline]
-    pub(crate) unsafe fn guard_of<'a, L: DerefMut<Target = WaitQueues>>(
+    pub(crate) unsafe fn guard_of<'a, L: Lists>(
         &'a self,
         lists: L,
         here: Here<'a>,

@@ -264,7 +264,7 @@ unsafe fn meet<const SEND: bool>(
     let wait_point = plain.wait_point();
     // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
     // closure of a `send_with` runs under one, but it has no plain turn.
-    let lists = match unsafe { wait_point.enter(turn) } {
+    let lists = match unsafe { wait_point.lock.enter_trusted(turn) } {
         Ok(lists) => lists,
         Err(Refused::NotBiased) => return FastPath::No,
         Err(Refused::Revoked) => return wait_point.revoked(FastPath::No),
@@ -523,7 +523,6 @@ impl<T> Channel<T> {
         // for all that the buffer holds, and one that is not full has room for one more.
         unsafe {
             let this = channel.cast::<Self>().as_ref();
-            let mut lists = this.wait_point.kept(turn);
             let is_stored = this.store.with_mut(|store| {
                 let store = &mut *store;
                 if store.len() >= this.capacity() {
@@ -534,8 +533,9 @@ impl<T> Channel<T> {
                 true
             });
             if !is_stored {
-                return go_on_inside(lists);
+                return FastPath::Inside;
             }
+            let mut lists = this.wait_point.kept(turn);
             lists.note_user(true, LastUser::process(turn.process().id()));
             lists.is_storing = true;
             leave_done(&this.wait_point, lists, turn)
@@ -556,17 +556,18 @@ impl<T> Channel<T> {
         // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
         // demands that. This thread has kept the lock, which guards the store too, and takes it
         // back once. Where a value is stored, `pop_front` returns one. A new receive's node holds
-        // none, and only its future knows it. Else nothing waits, as `wait_alone` demands.
+        // none, and only its future knows it. Else nothing waits, as `wait_for_value` demands, which
+        // takes the lock back in this function's stead. It is taken back late: one register less is
+        // in use while the value moves.
         unsafe {
             let this = channel.cast::<Self>().as_ref();
-            let mut lists = this.wait_point.kept(turn);
             let stored = this.store.with(|store| (*store).len());
             if stored == 0 {
-                lists.keep();
                 return wait_for_value(channel, node, turn);
             }
             let value = this.store.with_mut(|store| (*store).pop_front());
             Waiter::put_value_of(node.cast::<Waiter<T>>(), value.unwrap_unchecked());
+            let mut lists = this.wait_point.kept(turn);
             lists.note_user(false, LastUser::process(turn.process().id()));
             lists.is_storing = stored > 1;
             leave_done(&this.wait_point, lists, turn)

@@ -1,7 +1,7 @@
 //! The condition variable.
 
 use super::entry::{Cause, Entry};
-use super::error::LockError;
+use super::guard::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;

@@ -1,7 +1,7 @@
 //! The mutex itself.
 
 use super::core::{Core, Hold};
-use super::error::{LockError, LockTimeoutError, TryLockError};
+use super::guard::{LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
 use super::take::Take;
 #[cfg(not(loom))]
@@ -175,18 +175,12 @@ impl<T> Mutex<T> {
     /// # }).unwrap();
     /// ```
     pub fn lock_timeout(&self, timeout: Duration) -> LockTimeout<'_, T> {
-        LockTimeout {
-            op: self.lock(),
-            sleep: Sleep::after(timeout),
-        }
+        self.lock().until(Sleep::after(timeout))
     }
 
     /// Like [`lock_timeout`](Self::lock_timeout), until an absolute deadline.
     pub fn lock_deadline(&self, deadline: Instant) -> LockTimeout<'_, T> {
-        LockTimeout {
-            op: self.lock(),
-            sleep: Sleep::until(deadline),
-        }
+        self.lock().until(Sleep::until(deadline))
     }
 
     /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes.

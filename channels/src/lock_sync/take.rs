@@ -1,10 +1,9 @@
 //! Taking permits, as a future: the one operation behind locking, acquiring, and locking again
 //! after a wait at a condition.
 
-use super::chain;
 use super::core::{Core, Hold, LockState};
-use super::entry::Entry;
-use super::error::AcquireError;
+use super::entry::{Entry, follow};
+use super::guard::AcquireError;
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
@@ -206,7 +205,7 @@ impl<'a> Take<'a> {
             Poll::Pending
         });
         if polled.is_pending() {
-            chain::follow(changed);
+            follow(changed);
             core.waits();
         }
         polled
@@ -266,7 +265,7 @@ impl<'a> Take<'a> {
         drop(locked);
         // Before what may run user code: the former handle's drop is the last step.
         self.end();
-        chain::follow(changed);
+        follow(changed);
         if !core.has_owner() {
             // Waiters behind it may want fewer permits.
             core.serve();

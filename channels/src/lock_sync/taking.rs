@@ -1,11 +1,11 @@
 //! Locking a mutex and taking permits of a semaphore, as futures.
 
 use super::core::Hold;
-use super::error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError};
 use super::guard::MutexGuard;
+use super::guard::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError};
 use super::mutex::Mutex;
-use super::permit::SemaphorePermit;
 use super::semaphore::Semaphore;
+use super::semaphore::SemaphorePermit;
 use super::take::{InTime, Take};
 use crate::replay;
 use core::future::Future;
@@ -97,6 +97,12 @@ pin_project! {
     }
 }
 
+impl<'a, P> TakeOp<'a, P> {
+    pub(super) fn until(self, sleep: Sleep) -> TakeTimeout<'a, P> {
+        TakeTimeout { op: self, sleep }
+    }
+}
+
 impl<P: Permits> Future for TakeOp<'_, P> {
     type Output = Result<P::Guard, P::Error>;
 
@@ -115,9 +121,9 @@ pin_project! {
     #[must_use = "an operation does nothing unless awaited"]
     pub struct TakeTimeout<'a, P> {
         #[pin]
-        pub(super) op: TakeOp<'a, P>,
+        op: TakeOp<'a, P>,
         #[pin]
-        pub(super) sleep: Sleep,
+        sleep: Sleep,
     }
 }
 

@@ -3,8 +3,8 @@
 use super::condition::{Condvar, Notified};
 use super::core::Hold;
 use super::entry::{Cause, Entry};
-use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
+use super::guard::{AcquireError, LockError};
 use super::mutex::Mutex;
 use super::take::{self, Take, TakePhase};
 use super::taking::Permits;
@@ -180,37 +180,6 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         });
         self.take.cancel();
     }
-
-    /// Polls until it holds the mutex again, or its branch has failed.
-    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<Hold<'a>, AcquireError>> {
-        let has_failed = current::branch_failed();
-        if let Some(guard) = self.guard.take() {
-            if has_failed {
-                guard.unlock();
-                self.take.end();
-                current::stay_in_branch();
-                return Poll::Ready(Err(AcquireError));
-            }
-            self.begin(guard, cx);
-            self.condition.wait_point().waits();
-            return Poll::Pending;
-        }
-        match self.take.phase {
-            TakePhase::Listed if self.take.has_succeeded() => {}
-            TakePhase::Listed if has_failed => {
-                self.cancel();
-                current::stay_in_branch();
-                return Poll::Ready(Err(AcquireError));
-            }
-            TakePhase::Listed => ready!(self.poll_listed(cx)),
-            TakePhase::Granted => {}
-            TakePhase::New | TakePhase::GaveWay | TakePhase::Over => {
-                panic!("a wait was polled after it was over")
-            }
-        }
-        // SAFETY: it has succeeded; it is over when this is returned.
-        Poll::Ready(Ok(unsafe { self.take.hold() }))
-    }
 }
 
 impl<'a, T> Future for WaitOp<'_, 'a, T> {
@@ -218,11 +187,7 @@ impl<'a, T> Future for WaitOp<'_, 'a, T> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.in_place();
-        let polled = match replay::is_on() {
-            true => replay::poll(this, cx),
-            false => this.poll_without_log(cx),
-        };
-        polled.map(|taken| {
+        replay::poll(this, cx).map(|taken| {
             this.take.end();
             this.mutex.taken(1, taken)
         })
@@ -342,7 +307,33 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
-        self.poll_without_log(cx)
+        let has_failed = current::branch_failed();
+        if let Some(guard) = self.guard.take() {
+            if has_failed {
+                guard.unlock();
+                self.take.end();
+                current::stay_in_branch();
+                return Poll::Ready(Err(AcquireError));
+            }
+            self.begin(guard, cx);
+            self.condition.wait_point().waits();
+            return Poll::Pending;
+        }
+        match self.take.phase {
+            TakePhase::Listed if self.take.has_succeeded() => {}
+            TakePhase::Listed if has_failed => {
+                self.cancel();
+                current::stay_in_branch();
+                return Poll::Ready(Err(AcquireError));
+            }
+            TakePhase::Listed => ready!(self.poll_listed(cx)),
+            TakePhase::Granted => {}
+            TakePhase::New | TakePhase::GaveWay | TakePhase::Over => {
+                panic!("a wait was polled after it was over")
+            }
+        }
+        // SAFETY: it has succeeded; it is over when this is returned.
+        Poll::Ready(Ok(unsafe { self.take.hold() }))
     }
 
     unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {

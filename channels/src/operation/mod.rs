@@ -10,15 +10,10 @@
 mod direction;
 mod guard;
 mod logged;
-mod receiving;
-mod sending;
 mod slow_path;
-mod timed;
 
-pub use direction::{Direction, GivesUp};
-pub use receiving::{Receiving, RecvOp};
-pub use sending::{SendOp, Sending};
-pub use timed::{RecvTimeout, SendTimeout, Timed};
+pub use direction::{Direction, GivesUp, Receiving, RecvOp, SendOp, Sending};
+pub use logged::{RecvTimeout, SendTimeout, Timed};
 
 use crate::core::{Channel, FastPath};
 use crate::end::End;
@@ -129,6 +124,16 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         self.node_pointer().cast()
     }
 
+    /// Until `stop` has ended.
+    #[inline(always)]
+    pub(crate) fn until<S>(self, stop: S) -> Timed<'a, T, D, S>
+    where
+        D: GivesUp<T>,
+    {
+        let operation = self;
+        Timed { operation, stop }
+    }
+
     /// Not to be called while the node is listed: others change it then.
     #[inline]
     fn node(&mut self) -> &mut Node<T, D> {
@@ -190,10 +195,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match outcome {
             Outcome::Done | Outcome::Held | Outcome::Answered => {
                 self.phase = Phase::Over;
-                match D::refused(self, outcome) {
-                    None => Ok(D::succeeded(self)),
-                    Some(failure) => Err(failure),
-                }
+                D::communicated(self, outcome)
             }
             Outcome::Broken => {
                 self.broken();

@@ -13,13 +13,11 @@
 //! ```
 
 mod log;
-mod order;
 
 pub(crate) use log::{
-    abandon, call, differs, failure, is_held_after, is_on, is_replayed, look, meeting, now,
-    outside, own_stamp, settle, stamp,
+    LogState, Order, Stamped, abandon, call, differs, failure, is_held_after, is_on, is_replayed,
+    look, meeting, now, outside, own_stamp, settle, stamp,
 };
-pub(crate) use order::{LogState, Order, Stamped};
 
 use core::future::Future;
 use core::pin::Pin;
@@ -144,10 +142,18 @@ pub(crate) fn gave_up() -> Event {
     Event::new(What::TimedOut, 0, 0)
 }
 
-/// Polls an operation as the replay log of its process says, and reports the outcome there.
+/// Polls an operation; in a process with a replay log as that says, and reports the outcome there.
+#[inline]
+pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O::Output> {
+    match is_on() {
+        true => poll_logged(operation, cx),
+        false => operation.poll_unlogged(cx),
+    }
+}
+
 #[cold]
 #[inline(never)]
-pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O::Output> {
+fn poll_logged<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O::Output> {
     let before = operation.stage();
     match before {
         Stage::New => {

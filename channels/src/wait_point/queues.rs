@@ -1,8 +1,8 @@
 //! What waits at a wait point, and what its lock guards.
 
 use super::Ending;
+use crate::core::Nodes;
 use crate::ended::Watcher;
-use crate::hand_off_slots::Nodes;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
 use core::ptr::NonNull;
@@ -263,7 +263,7 @@ impl WaitQueues {
         }
     }
 
-    /// Whether plain sends and receives may meet on the [hand-off slots](crate::hand_off_slots):
+    /// Whether plain sends and receives may meet on the [hand-off slots](crate::core::HandOffSlots):
     /// the wait point has no other use, and no node is listed.
     #[inline]
     pub(crate) fn may_use_hand_off_slots(&self) -> bool {

@@ -1,9 +1,8 @@
 //! The node of a waiting operation, and its outcome.
 
-mod begin;
-mod settle;
+mod steps;
 
-pub(crate) use begin::Waits;
+pub(crate) use steps::Waits;
 
 use crate::select_state::SelectState;
 use crate::wait_point::{Ending, Mover};
