@@ -195,7 +195,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match outcome {
             Outcome::Done | Outcome::Held | Outcome::Answered => {
                 self.phase = Phase::Over;
-                D::communicated(self, outcome)
+                // SAFETY: by its outcome it has communicated; it is over from here on.
+                unsafe { D::communicated(self, outcome) }
             }
             Outcome::Broken => {
                 self.broken();
@@ -205,7 +206,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                 self.phase = Phase::Over;
                 let poisoned = ending == Outcome::Poisoned;
                 inspect::note_failure(self.channel().wait_point(), D::SEND, poisoned);
-                Err(D::failed(self, poisoned))
+                // SAFETY: by its outcome it has failed; it is over from here on.
+                Err(unsafe { D::failed(self, poisoned) })
             }
         }
     }
@@ -214,7 +216,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     #[inline(always)]
     fn done(&mut self) -> D::Success<'a> {
         self.phase = Phase::Over;
-        D::succeeded(self)
+        // SAFETY: it has communicated, as the caller says, and is over from here on.
+        unsafe { D::succeeded(self) }
     }
 
     /// The closure that was to make the value has panicked, here or on the other side: the channel
@@ -317,7 +320,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         };
         match outcome {
             Outcome::Broken => self.end.poison(),
-            outcome => D::dropped(self, outcome),
+            // SAFETY: it has this outcome, and was not over: its result was not taken.
+            outcome => unsafe { D::dropped(self, outcome) },
         }
     }
 }
