@@ -89,7 +89,10 @@ pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool)
         Some(error) => {
             // A test on a virtual clock asks for it; a machine's operator has nothing else.
             if !report.clock.is_virtual() {
-                notice!("{report}");
+                // The error has the deadlock.
+                let deadlock = None;
+                let text = Report { deadlock, ..report }.to_string();
+                notice!("{}", text.trim_end());
             }
             Err(error)
         }
