@@ -395,7 +395,8 @@ impl<T> Channel<T> {
             return;
         };
         let outcome = last(sender);
-        // SAFETY: it is in the list, so it is a live waiter that the lock guards; its result is set.
+        // SAFETY: it is in the list, so it is a live waiter that the lock guards; its result is
+        // set.
         let ready = unsafe {
             locked.lists.held.remove(sender.cast());
             Waiter::settle(sender, outcome)

@@ -556,9 +556,9 @@ impl<T> Channel<T> {
         // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
         // demands that. This thread has kept the lock, which guards the store too, and takes it
         // back once. Where a value is stored, `pop_front` returns one. A new receive's node holds
-        // none, and only its future knows it. Else nothing waits, as `wait_for_value` demands, which
-        // takes the lock back in this function's stead. It is taken back late: one register less is
-        // in use while the value moves.
+        // none, and only its future knows it. Else nothing waits, as `wait_for_value` demands,
+        // which takes the lock back in this function's stead. It is taken back late: one register
+        // less is in use while the value moves.
         unsafe {
             let this = channel.cast::<Self>().as_ref();
             let stored = this.store.with(|store| (*store).len());

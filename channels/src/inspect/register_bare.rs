@@ -86,8 +86,8 @@ pub(crate) fn unregister(wait_point: &WaitPoint) {
     }
 }
 
-/// What `look` makes of each registered wait point. None leaves meanwhile. With interrupts disabled:
-/// O(wait points).
+/// What `look` makes of each registered wait point. None leaves meanwhile. With interrupts
+/// disabled: O(wait points).
 pub(super) fn collect<V>(mut look: impl FnMut(NonNull<WaitPoint>) -> V) -> Vec<V> {
     let ends = REGISTER.lock();
     let (mut views, mut next) = (Vec::new(), ends.first);

@@ -1,5 +1,5 @@
-//! How a replay log drives an operation; and one that gives up: at a deadline, or when something else
-//! happens.
+//! How a replay log drives an operation; and one that gives up: at a deadline, or when something
+//! else happens.
 
 use super::{Direction, GivesUp, Operation, Phase, Receiving, Sending};
 use crate::error::Ended;

@@ -272,9 +272,9 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`settle`](Self::settle); or its own future calls this, under the lock that guards the
-    /// node. One that waits alone may still be noted in `waiting`, if the caller overwrites that
-    /// before it releases the lock.
+    /// As for [`settle`](Self::settle); or its own future calls this, under the lock that guards
+    /// the node. One that waits alone may still be noted in `waiting`, if the caller overwrites
+    /// that before it releases the lock.
     #[inline(always)]
     pub(crate) unsafe fn set_outcome(node: NonNull<Waiter<T>>, outcome: Outcome) {
         // SAFETY: the node waits until this store, and its future needs the lock that is held here
