@@ -428,12 +428,12 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{:<16} {:>9} {:>9} {:>7} | {:>36} | {:>30}",
-            "loop", "period", "cycles", "missed", "wake-up latency, us", "cycle time, us"
+            "loop", "period", "cycles", "missed", "wake-up latency, µs", "cycle time, µs"
         )?;
         writeln!(
             f,
             "{:<16} {:>9} {:>9} {:>7} | {:>8} {:>8} {:>8} {:>9} | {:>9} {:>8} {:>11}",
-            "", "us", "", "", "p50", "p99", "p99.9", "max", "mean", "stddev", "max"
+            "", "µs", "", "", "p50", "p99", "p99.9", "max", "mean", "stddev", "max"
         )?;
         for (name, one) in &self.loops {
             let (wake, cycle) = (&one.wake_latency, &one.cycle_time);

@@ -5,6 +5,7 @@ use super::register::Register;
 use super::stolen::Stolen;
 use super::warnings::Warnings;
 use crate::error::{Error, Result};
+use crate::log::Shown;
 use crate::notice::notice;
 use crate::replay::RecordError;
 use crate::report::{End, Report};
@@ -29,6 +30,8 @@ pub(super) struct Ended {
     pub(super) was_emergency: bool,
     pub(super) stolen: Stolen,
     pub(super) running: Arc<Running>,
+    /// What viewers see.
+    pub(super) shown: Shown,
 }
 
 /// Makes the report, which the plan keeps, and gives it or the error of the run. It waits for what
@@ -63,6 +66,7 @@ pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool)
         record: recorded.as_ref().ok().copied().flatten(),
         ..ended.report
     };
+    ended.shown.ended(&report.end);
     let livelock = livelock(started, standstill, running.common.clock.now());
     if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
         // The first cause of the system's end, though a graver error followed.

@@ -141,7 +141,8 @@ fn launch_described(
     shortfalls.extend(guard.shortfalls().iter().map(Shortfall::of));
     let opening = Opening::new(&emergency);
     let asked = std::mem::take(&mut settings.logging);
-    let recording = log.start(is_virtual, asked, settings.replaces, &opening)?;
+    let shown = parameters::Parameters::new(plan.parameters.clone());
+    let recording = log.start(is_virtual, asked, settings.replaces, &opening, shown)?;
     let recorded = settings.replay_logs.recorded_parameters();
     let file = match plan.parameters.file() {
         Some(file) if recorded.is_none() => {

@@ -291,6 +291,8 @@ impl System {
     ///
     /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to
     /// that file, `LUNA_LOG=tcp://HOST:PORT` (or `udp://`) to `luna record` on another computer.
+    /// `LUNA_SCOPE=1`, or the address to listen on, shows the run in the browser, also beside a
+    /// recording (feature `scope`).
     ///
     /// ```
     /// use luna::prelude::*;
