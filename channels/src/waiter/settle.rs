@@ -6,7 +6,7 @@ use crate::select_state::SelectState;
 use core::ptr::NonNull;
 use luna_core::current::{Here, PendingWake, PlainPendingWake, WakeHandle};
 use luna_core::wait_list::WaitNode;
-use luna_platform::sync::atomic::Ordering;
+use luna_platform::sync::atomic::{AtomicU8, Ordering};
 
 /// Claims the select state of a node, and gives the node the wake handle.
 ///
@@ -107,6 +107,19 @@ impl<T> Waiter<T> {
             (*Self::link(node))
                 .outcome
                 .store(Outcome::Done as u8, Ordering::Release);
+        }
+    }
+
+    /// Makes a plain operation that was not begun done: its value was moved.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and no other thread accesses it.
+    #[inline(always)]
+    pub(crate) unsafe fn settle_new(node: NonNull<Waiter<T>>) {
+        // SAFETY: the node is live, and no other thread accesses it, so the field may be written.
+        unsafe {
+            (&raw mut (*Self::link(node)).outcome).write(AtomicU8::new(Outcome::Done as u8));
         }
     }
 
