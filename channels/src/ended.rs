@@ -107,11 +107,7 @@ impl Future for Ended<'_> {
     type Output = ChannelEnd;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
-        let this = self.in_place();
-        match replay::is_on() {
-            true => replay::poll(this, cx),
-            false => this.poll_without_log(cx),
-        }
+        replay::poll(self.in_place(), cx)
     }
 }
 
@@ -144,9 +140,18 @@ impl Logged for Ended<'_> {
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
-        match self.given {
-            Some(end) => Poll::Ready(end),
-            None => self.poll_without_log(cx),
+        if let Some(end) = self.given {
+            return Poll::Ready(end);
+        }
+        if current::branch_failed() {
+            current::stay_in_branch();
+            return self.found(ChannelEnd::Poisoned, cx);
+        }
+        let has_waited = self.op.has_waited();
+        // SAFETY: it is pinned with this future, whose methods do not move it.
+        match unsafe { Pin::new_unchecked(&mut self.op) }.poll(cx) {
+            Poll::Ready(end) if !has_waited => self.found(end, cx),
+            polled => polled,
         }
     }
 
@@ -171,19 +176,6 @@ impl Ended<'_> {
             return Poll::Pending;
         }
         Poll::Ready(end)
-    }
-
-    fn poll_without_log(&mut self, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
-        if current::branch_failed() {
-            current::stay_in_branch();
-            return self.found(ChannelEnd::Poisoned, cx);
-        }
-        let has_waited = self.op.has_waited();
-        // SAFETY: it is pinned with this future, whose methods do not move it.
-        match unsafe { Pin::new_unchecked(&mut self.op) }.poll(cx) {
-            Poll::Ready(end) if !has_waited => self.found(end, cx),
-            polled => polled,
-        }
     }
 }
 

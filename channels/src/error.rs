@@ -4,19 +4,6 @@ use crate::wait_point::Ending;
 use core::fmt;
 use thiserror::Error;
 
-macro_rules! gives_value_back {
-    ($name:ident) => {
-        impl<T> fmt::Debug for $name<T> {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                // Without the value, so that it need not be `Debug`.
-                f.debug_struct(stringify!($name))
-                    .field("reason", &format_args!("{self}"))
-                    .finish_non_exhaustive()
-            }
-        }
-    };
-}
-
 /// Sending failed: the value can no longer be received. The error returns it.
 ///
 /// ```
@@ -60,7 +47,7 @@ impl<T> fmt::Display for SendError<T> {
         })
     }
 }
-gives_value_back!(SendError);
+luna_platform::debug_fields!(impl[T] SendError<T>, |error| reason: format_args!("{error}"));
 
 /// Receiving failed: no value will ever come.
 ///
@@ -94,89 +81,66 @@ impl RecvError {
     }
 }
 
-/// Why a send failed that gives up: as the variant that is named, or as a [`SendError`]. The value
-/// is given back.
-macro_rules! send_gives_up {
-    ($(#[$about:meta])* $name:ident: $(#[$variant:meta])* $gave_up:ident, $(#[$asked:meta])* $has:ident) => {
+/// Why an operation failed that gives up: as the first variant, or as a plain one fails. A send gives
+/// its value back.
+macro_rules! gives_up {
+    (
+        $(#[$about:meta])* $name:ident<$($T:ident)?>: $doing:literal, $other:literal,
+        #[$closed:meta] $(#[$variant:meta])* $gave_up:ident, $(#[$asked:meta])* $has:ident
+    ) => {
         $(#[$about])*
         #[derive(Clone, PartialEq, Eq, Error)]
-        pub enum $name<T> {
+        pub enum $name<$($T)?> {
             $(#[$variant])*
-            $gave_up(T),
-            /// The last receiver is gone.
-            #[error("sending to a channel whose last receiver is gone")]
-            Closed(T),
-            /// The channel, or the branch that sent, was poisoned.
-            #[error("sending to a poisoned channel")]
-            Poisoned(T),
+            $gave_up$(($T))?,
+            #[$closed]
+            #[error("{} a channel whose last {} is gone", $doing, $other)]
+            Closed$(($T))?,
+            /// The channel, or the branch that tried, was poisoned.
+            #[error("{} a poisoned channel", $doing)]
+            Poisoned$(($T))?,
         }
 
-        impl<T> $name<T> {
-            /// The value that was not sent.
-            pub fn into_inner(self) -> T {
-                match self {
-                    $name::$gave_up(value) | $name::Closed(value) | $name::Poisoned(value) => value,
+        impl<$($T)?> $name<$($T)?> {
+            $(#[$asked])*
+            pub fn $has(&self) -> bool {
+                matches!(self, Self::$gave_up { .. })
+            }
+
+            /// Whether the last end of the other kind is gone.
+            pub fn is_closed(&self) -> bool {
+                matches!(self, Self::Closed { .. })
+            }
+
+            /// Whether the channel, or the branch that tried, was poisoned.
+            pub fn is_poisoned(&self) -> bool {
+                matches!(self, Self::Poisoned { .. })
+            }
+
+            $(
+                /// The value that was not sent.
+                pub fn into_inner(self) -> $T {
+                    match self {
+                        Self::$gave_up(value) | Self::Closed(value) | Self::Poisoned(value) => value,
+                    }
                 }
-            }
+            )?
+        }
 
-            $(#[$asked])*
-            pub fn $has(&self) -> bool {
-                matches!(self, $name::$gave_up(_))
-            }
-
-            /// Whether the last receiver is gone.
-            pub fn is_closed(&self) -> bool {
-                matches!(self, $name::Closed(_))
-            }
-
-            /// Whether the channel, or the branch that sent, was poisoned.
-            pub fn is_poisoned(&self) -> bool {
-                matches!(self, $name::Poisoned(_))
+        impl<$($T)?> Ended for $name<$($T)?> {
+            fn poisoned(&self) -> Option<bool> {
+                (!self.$has()).then(|| self.is_poisoned())
             }
         }
 
-        gives_value_back!($name);
+        $(luna_platform::debug_fields!(impl[$T] $name<$T>, |error| reason: format_args!("{error}"));)?
     };
 }
 
-/// Why a receive failed that gives up: as the variant that is named, or as a [`RecvError`].
-macro_rules! recv_gives_up {
-    ($(#[$about:meta])* $name:ident: $(#[$variant:meta])* $gave_up:ident, $(#[$asked:meta])* $has:ident) => {
-        $(#[$about])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-        pub enum $name {
-            $(#[$variant])*
-            $gave_up,
-            /// The channel, or the branch that received, was poisoned.
-            #[error("receiving from a poisoned channel")]
-            Poisoned,
-            /// The last sender is gone, and all that it sent was received.
-            #[error("receiving from a channel whose last sender is gone")]
-            Closed,
-        }
-
-        impl $name {
-            $(#[$asked])*
-            pub fn $has(&self) -> bool {
-                *self == $name::$gave_up
-            }
-
-            /// Whether the channel, or the branch that received, was poisoned.
-            pub fn is_poisoned(&self) -> bool {
-                *self == $name::Poisoned
-            }
-
-            /// Whether the last sender is gone.
-            pub fn is_closed(&self) -> bool {
-                *self == $name::Closed
-            }
-        }
-    };
-}
-
-send_gives_up! {
+gives_up! {
     /// Sending at once failed. The value is given back.
-    TrySendError:
+    TrySendError<T>: "sending to", "receiver",
+    /// The last receiver is gone.
     /// No receiver waits, and there is no room in a buffer.
     #[error("sending at once, but no receiver waits and there is no room")]
     Full,
@@ -184,9 +148,10 @@ send_gives_up! {
     is_full
 }
 
-send_gives_up! {
+gives_up! {
     /// Sending within a time failed. The value is given back.
-    SendTimeoutError:
+    SendTimeoutError<T>: "sending to", "receiver",
+    /// The last receiver is gone.
     /// No receiver took the value in time; it was withdrawn.
     #[error("sending, but no receiver took the value in time")]
     Timeout,
@@ -194,9 +159,11 @@ send_gives_up! {
     is_timeout
 }
 
-recv_gives_up! {
+gives_up! {
     /// Receiving at once failed.
-    TryRecvError:
+    #[derive(Debug, Copy)]
+    TryRecvError<>: "receiving from", "sender",
+    /// The last sender is gone, and all that it sent was received.
     /// No sender waits, and nothing is buffered.
     #[error("receiving at once, but no sender waits and nothing is buffered")]
     Empty,
@@ -204,9 +171,11 @@ recv_gives_up! {
     is_empty
 }
 
-recv_gives_up! {
+gives_up! {
     /// Receiving within a time failed.
-    RecvTimeoutError:
+    #[derive(Debug, Copy)]
+    RecvTimeoutError<>: "receiving from", "sender",
+    /// The last sender is gone, and all that it sent was received.
     /// No value came in time.
     #[error("receiving, but no value came in time")]
     Timeout,
@@ -260,21 +229,9 @@ impl<T> Ended for SendError<T> {
     }
 }
 
-impl<T> Ended for SendTimeoutError<T> {
-    fn poisoned(&self) -> Option<bool> {
-        (!self.is_timeout()).then(|| self.is_poisoned())
-    }
-}
-
 impl Ended for RecvError {
     fn poisoned(&self) -> Option<bool> {
         Some(self.is_poisoned())
-    }
-}
-
-impl Ended for RecvTimeoutError {
-    fn poisoned(&self) -> Option<bool> {
-        (!self.is_timeout()).then(|| self.is_poisoned())
     }
 }
 

@@ -161,22 +161,20 @@ impl<'a, T> Extended<'a, T> {
         let Held { end: of, ticket } = &held;
         let mut value = Some(value);
         let mut is_back = true;
-        if *ticket != 0 {
-            of.channel().finish_held(*ticket, |sender| {
-                // SAFETY: a held sender's node was begun and holds no value, and the lock is held.
-                unsafe {
-                    if Waiter::makes(sender) {
-                        is_back = false;
-                    } else if let Some(value) = value.take() {
-                        sender.as_ref().put_value(value);
-                    }
+        of.channel().finish_held(*ticket, |sender| {
+            // SAFETY: a held sender's node was begun and holds no value, and the lock is held.
+            unsafe {
+                if Waiter::make(sender).is_some() {
+                    is_back = false;
+                } else if let Some(value) = value.take() {
+                    Waiter::put_value_of(sender, value);
                 }
-                match end {
-                    ChannelEnd::Closed => Outcome::Closed,
-                    ChannelEnd::Poisoned => Outcome::Poisoned,
-                }
-            });
-        }
+            }
+            match end {
+                ChannelEnd::Closed => Outcome::Closed,
+                ChannelEnd::Poisoned => Outcome::Poisoned,
+            }
+        });
         // The ticket is used up: what drops `held` finds no sender.
         value.filter(|_| is_back)
     }

@@ -72,7 +72,7 @@ impl<S> GuardedWaitPoint<S> {
         lists: &'a mut WaitQueues,
     ) -> Locked<'a, S, &'a mut WaitQueues> {
         assert!(
-            self.wait_point.has(lists),
+            self.wait_point.lock.guards(lists),
             "the lists of another wait point"
         );
         let state = &self.state;

@@ -62,7 +62,6 @@ mod error;
 mod extended;
 mod finally;
 mod guarded_wait_point;
-mod hand_off_slots;
 mod in_place;
 pub mod inspect;
 pub mod lock_sync;

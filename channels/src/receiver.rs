@@ -126,10 +126,7 @@ impl<T> Receiver<T> {
     /// ```
     #[inline]
     pub fn recv_timeout(&self, timeout: Duration) -> RecvTimeout<'_, T> {
-        RecvTimeout {
-            operation: self.recv(),
-            stop: Sleep::after(timeout),
-        }
+        self.recv().until(Sleep::after(timeout))
     }
 
     /// Like [`recv_timeout`](Self::recv_timeout), until an absolute deadline: so several operations
@@ -144,10 +141,7 @@ impl<T> Receiver<T> {
     /// ```
     #[inline]
     pub fn recv_deadline(&self, deadline: Instant) -> RecvTimeout<'_, T> {
-        RecvTimeout {
-            operation: self.recv(),
-            stop: Sleep::until(deadline),
-        }
+        self.recv().until(Sleep::until(deadline))
     }
 
     /// Like [`recv`](Self::recv), until `stop` has ended: then it gives up, as at a deadline.
@@ -173,10 +167,7 @@ impl<T> Receiver<T> {
     /// # }).unwrap();
     /// ```
     pub fn recv_unless<S: Future<Output = ()>>(&self, stop: S) -> RecvTimeout<'_, T, S> {
-        RecvTimeout {
-            operation: self.recv(),
-            stop,
-        }
+        self.recv().until(stop)
     }
 
     /// Like [`recv`](Self::recv), blocking this thread. For plain threads and OS-thread processes.
@@ -213,11 +204,7 @@ impl<T> Receiver<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_recv_timeout(&self, timeout: Duration) -> Result<T, RecvTimeoutError> {
-        let mut recv = core::pin::pin!(self.recv());
-        match luna_core::park::block_on_until(recv.as_mut(), Instant::now() + timeout) {
-            Some(received) => received.map_err(RecvTimeoutError::from),
-            None => recv.give_up(),
-        }
+        crate::replay::block_for(self.recv(), timeout)
     }
 
     /// The values as a stream, which ends when the channel is closed or poisoned.
@@ -328,7 +315,7 @@ impl<T> Clone for Receiver<T> {
 impl<T> Drop for Receiver<T> {
     fn drop(&mut self) {
         // SAFETY: this receiver is not used again.
-        unsafe { Channel::drop_receiver(self.0.pointer()) };
+        unsafe { Channel::drop_end(self.0.pointer(), false) };
     }
 }
 

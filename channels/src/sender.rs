@@ -142,10 +142,7 @@ impl<T> Sender<T> {
     /// ```
     #[inline]
     pub fn send_timeout(&self, value: T, timeout: Duration) -> SendTimeout<'_, T> {
-        SendTimeout {
-            operation: self.send(value),
-            stop: Sleep::after(timeout),
-        }
+        self.send(value).until(Sleep::after(timeout))
     }
 
     /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations
@@ -161,10 +158,7 @@ impl<T> Sender<T> {
     /// ```
     #[inline]
     pub fn send_deadline(&self, value: T, deadline: Instant) -> SendTimeout<'_, T> {
-        SendTimeout {
-            operation: self.send(value),
-            stop: Sleep::until(deadline),
-        }
+        self.send(value).until(Sleep::until(deadline))
     }
 
     /// Like [`send`](Self::send), until `stop` has ended: then it gives up, as at a deadline, and
@@ -193,10 +187,7 @@ impl<T> Sender<T> {
     /// # }).unwrap();
     /// ```
     pub fn send_unless<S: Future<Output = ()>>(&self, value: T, stop: S) -> SendTimeout<'_, T, S> {
-        SendTimeout {
-            operation: self.send(value),
-            stop,
-        }
+        self.send(value).until(stop)
     }
 
     /// Like [`send`](Self::send), blocking this thread. For plain threads and OS-thread processes.
@@ -237,11 +228,7 @@ impl<T> Sender<T> {
         value: T,
         timeout: Duration,
     ) -> Result<(), SendTimeoutError<T>> {
-        let mut send = core::pin::pin!(self.send(value));
-        match luna_core::park::block_on_until(send.as_mut(), Instant::now() + timeout) {
-            Some(sent) => sent.map_err(SendTimeoutError::from),
-            None => send.give_up(),
-        }
+        crate::replay::block_for(self.send(value), timeout)
     }
 
     /// Poisons the channel: all operations that wait on it, and all that come to it later, on both
@@ -305,7 +292,7 @@ impl<T> Clone for Sender<T> {
 impl<T> Drop for Sender<T> {
     fn drop(&mut self) {
         // SAFETY: this sender is not used again.
-        unsafe { Channel::drop_sender(self.0.pointer()) };
+        unsafe { Channel::drop_end(self.0.pointer(), true) };
     }
 }
 

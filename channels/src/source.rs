@@ -36,23 +36,6 @@ pub unsafe trait Source<T>: Sized {
     ///
     /// The value was not taken, no other thread accesses the node, and this is called once.
     unsafe fn unsent(node: &mut Node<T, Sending<Self>>) -> Self::Unsent;
-
-    /// Takes or makes the value, before the node is listed. `None` if making it panicked.
-    ///
-    /// # Safety
-    ///
-    /// There is one, or one can be made; the node is live, and no other thread accesses it.
-    #[inline]
-    unsafe fn take(node: NonNull<Node<T, Sending<Self>>>) -> Option<T> {
-        // SAFETY: by `# Safety` no other thread accesses the live node. Without `MAKE` its value
-        // lies in it; else `MAKE` is that of this source, and the value can be made.
-        unsafe {
-            match Self::MAKE {
-                None => Some(node.as_ref().waiter.take_value()),
-                Some(make) => make(node.cast()),
-            }
-        }
-    }
 }
 
 /// The value lies in the node: [`Sender::send`](crate::Sender::send).
@@ -67,7 +50,7 @@ unsafe impl<T> Source<T> for InNode {
     unsafe fn unsent(node: &mut Offered<T, Self>) -> T {
         // SAFETY: the value was not taken, and this is called once, as is demanded here: so it is
         // there.
-        unsafe { node.waiter.take_value() }
+        unsafe { Waiter::take_value_of(NonNull::from(&mut node.waiter)) }
     }
 }
 
@@ -100,7 +83,7 @@ unsafe impl<T> Source<T> for FromSlot<'_, T> {
         if source.was_full {
             // SAFETY: the slot was full, so the value came into the node; it was not taken, and
             // this is called once, as is demanded here.
-            *source.slot = Some(unsafe { node.waiter.take_value() });
+            *source.slot = Some(unsafe { Waiter::take_value_of(NonNull::from(&mut node.waiter)) });
         }
     }
 }

@@ -5,13 +5,14 @@ mod queues;
 
 pub(crate) use queues::{LastUser, WaitQueues, Waiting};
 
-use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
+use crate::core::{HandOffSlots, Nodes};
 use crate::inspect::Identity;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
 use core::hint::black_box;
+use core::ops::DerefMut;
 use core::ptr::NonNull;
-use luna_core::biased_lock::{self, BiasedGuard, BiasedLock, InsideGuard};
+use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::current::{Here, PlainTurn, User};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -46,8 +47,8 @@ pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
 }
 
 /// The lists, under their lock, in whichever way it is held.
-pub(crate) trait Lists: core::ops::DerefMut<Target = WaitQueues> {}
-impl<L: core::ops::DerefMut<Target = WaitQueues>> Lists for L {}
+pub trait Lists: DerefMut<Target = WaitQueues> {}
+impl<L: DerefMut<Target = WaitQueues>> Lists for L {}
 
 /// Where processes meet. It must lie at the beginning of a cache line, so that a rendezvous writes
 /// one line only.
@@ -56,12 +57,13 @@ impl<L: core::ops::DerefMut<Target = WaitQueues>> Lists for L {}
 pub(crate) struct WaitPoint {
     /// On one line with the lock.
     pub(crate) hand_off_slots: HandOffSlots,
-    lock: BiasedLock<WaitQueues>,
+    /// An operation that waits alone, or on a hand-off slot, is not in the lists: see the methods.
+    pub(crate) lock: BiasedLock<WaitQueues>,
     pub(crate) identity: Identity,
 }
 
 // SAFETY: the queues are guarded by their lock, and the slots by their protocol: see
-// `hand_off_slots`.
+// `HandOffSlots`.
 unsafe impl Sync for WaitPoint {}
 
 impl WaitPoint {
@@ -104,6 +106,14 @@ impl WaitPoint {
         }
     }
 
+    /// Notes that `user` has used it: one from outside of the system may come again.
+    #[inline(always)]
+    pub(crate) fn note_outsider(&self, user: User) {
+        if user == User::Outside {
+            self.identity.set_external();
+        }
+    }
+
     /// Notes that the current process is about to wait here.
     #[inline(always)]
     pub(crate) fn waits(&self) {
@@ -129,13 +139,7 @@ impl WaitPoint {
     /// Locks. An operation that waits on a hand-off slot is not in the lists. To see such
     /// operations of a channel too, use [`lock_lists`](Self::lock_lists).
     #[inline]
-    pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
-        self.lock_from(Here::now())
-    }
-
-    /// As [`lock`](Self::lock).
-    #[inline]
-    pub(crate) fn lock_from(&self, here: Here<'_>) -> BiasedGuard<'_, WaitQueues> {
+    pub(crate) fn lock(&self, here: Here<'_>) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock_in(here);
         lists.list_lone();
         lists
@@ -159,7 +163,7 @@ impl WaitPoint {
     /// there were no hand-off slots.
     #[inline]
     pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
-        let mut lists = self.lock();
+        let mut lists = self.lock(Here::now());
         self.clear_slots(&mut lists);
         lists
     }
@@ -175,43 +179,18 @@ impl WaitPoint {
 
     #[cold]
     fn list_from_slots(&self, lists: &mut WaitQueues) {
-        for side in [Side::Sender, Side::Receiver] {
-            if self.hand_off_slots.is_waiting(side)
-                && let Some(node) = lists.hand_off.get(side)
+        for is_sender in [true, false] {
+            if self.hand_off_slots.is_waiting(is_sender)
+                && let Some(node) = lists.hand_off.get(is_sender)
             {
-                let list = match side {
-                    Side::Sender => &mut lists.senders,
-                    Side::Receiver => &mut lists.receivers,
-                };
+                let queue = lists.queue(is_sender);
                 // SAFETY: an operation that waits on a hand-off slot has begun its node, which is
                 // in no list and stays where it is; it looks until the slot says what has come of
                 // that.
-                unsafe { list.insert_again(node) };
-                self.hand_off_slots.say_listed(side);
+                unsafe { queue.insert_again(node) };
+                self.hand_off_slots.say_listed(is_sender);
             }
         }
-    }
-
-    /// Locks for the executor that owns the bias: see [`BiasedLock::enter_trusted`]. An operation
-    /// that waits alone is not listed.
-    ///
-    /// # Safety
-    ///
-    /// The calling thread does not hold this lock.
-    #[inline(always)]
-    pub(crate) unsafe fn enter(
-        &self,
-        turn: PlainTurn<'_>,
-    ) -> Result<InsideGuard<'_, WaitQueues>, biased_lock::Refused> {
-        // SAFETY: the calling thread does not hold this lock, as is demanded here: all that the
-        // lock demands.
-        unsafe { self.lock.enter_trusted(turn) }
-    }
-
-    /// Whether these are the lists that its lock guards.
-    #[inline(always)]
-    pub(crate) fn has(&self, lists: &WaitQueues) -> bool {
-        self.lock.guards(lists)
     }
 
     /// See [`BiasedLock::after_revocation`].
@@ -239,11 +218,6 @@ impl WaitPoint {
         // SAFETY: this thread has kept a guard, and takes it back once, as is demanded here: all
         // that the lock demands.
         unsafe { self.lock.kept(turn) }
-    }
-
-    /// Access to the lists of a wait point that no other thread knows yet.
-    pub(crate) fn with_mut(&mut self, f: impl FnOnce(&mut WaitQueues)) {
-        self.lock.with_mut(f);
     }
 
     /// Locks for an occasional look: see [`BiasedLock::lock_briefly`].

@@ -83,7 +83,15 @@ fn start_buddy() -> Result<(), NoBuddy> {
         // It lives as long as the program and is never joined.
         Ok(_) => Ok(()),
         Err(error) => {
-            POOL.state.lock().buddies -= 1;
+            let mut state = POOL.state.lock();
+            state.buddies -= 1;
+            // Jobs that came meanwhile relied on this one. Each ends its call as it is dropped.
+            let left = match state.buddies {
+                0 => std::mem::take(&mut state.jobs),
+                _ => LinkedList::new(),
+            };
+            drop(state);
+            drop(left);
             Err(NoBuddy(Box::new(error)))
         }
     }
@@ -122,12 +130,18 @@ fn work() {
 }
 
 fn submit(job: Job) {
-    if let Err(error) = prepare_blocking() {
-        panic!("{error}");
-    }
     // The list's node is allocated before the lock is taken.
     let mut node = LinkedList::from([job]);
-    POOL.state.lock().jobs.append(&mut node);
+    while !node.is_empty() {
+        if let Err(error) = prepare_blocking() {
+            panic!("{error}");
+        }
+        let mut state = POOL.state.lock();
+        // Else the first buddy, which another call was starting, was refused.
+        if state.buddies > 0 {
+            state.jobs.append(&mut node);
+        }
+    }
     POOL.submitted.word().fetch_add(1, Ordering::Release);
     POOL.submitted.wake_one();
 }
@@ -199,15 +213,7 @@ where
                 state: PiLock::new(CallState::Running(wake_handle)),
             });
             self.running = Some(running.clone());
-            // Ends after the wake, also if the call's result panics as it is dropped.
-            let mut under_way = UnderWay::begin();
-            submit(Box::new(move || {
-                let result = {
-                    let _clock = under_way.clock().enter();
-                    catch_unwind(AssertUnwindSafe(call))
-                };
-                under_way.deliver(move || running.finish(result));
-            }));
+            submit(job(call, running));
             return Poll::Pending;
         }
         let Some(running) = &self.running else {
@@ -232,6 +238,45 @@ where
             CallState::Running(_) | CallState::Taken => {
                 unreachable!("only the future takes the result")
             }
+        }
+    }
+}
+
+/// A call, for a buddy.
+fn job<F, T>(call: F, running: Arc<Call<T>>) -> Job
+where
+    F: FnOnce() -> T + Send + 'static,
+    T: Send + 'static,
+{
+    // Ends after the wake, also if the call's result panics as it is dropped.
+    let mut under_way = UnderWay::begin();
+    let running = Unanswered(Some(running));
+    Box::new(move || {
+        let result = {
+            let _clock = under_way.clock().enter();
+            catch_unwind(AssertUnwindSafe(call))
+        };
+        under_way.deliver(move || running.finish(result));
+    })
+}
+
+/// The call of a job that no buddy has made. Dropped so, it ends with a panic: there is none.
+struct Unanswered<T>(Option<Arc<Call<T>>>);
+
+impl<T> Unanswered<T> {
+    fn finish(mut self, result: Result<T, Box<dyn Any + Send>>) {
+        if let Some(call) = self.0.take() {
+            call.finish(result);
+        }
+    }
+}
+
+impl<T> Drop for Unanswered<T> {
+    fn drop(&mut self) {
+        if let Some(call) = self.0.take() {
+            call.finish(Err(Box::new(
+                "no thread for blocking calls could be started",
+            )));
         }
     }
 }
@@ -266,3 +311,22 @@ luna_platform::debug_fields!(
     impl[F, T] Blocking<F, T>, |blocking|
     started: blocking.running.is_some()
 );
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_that_is_never_made_ends_its_call() {
+        let call = Arc::new(Call {
+            state: PiLock::new(CallState::Running(None)),
+        });
+        drop(job(|| 7, call.clone()));
+        let state = std::mem::replace(&mut *call.state.lock(), CallState::Taken);
+        let CallState::Done(Err(payload)) = state else {
+            panic!("it waits for ever");
+        };
+        let message = payload.downcast_ref::<&str>().unwrap();
+        assert!(message.contains("no thread"), "{message}");
+    }
+}

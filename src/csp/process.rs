@@ -256,7 +256,7 @@ pub(crate) trait Start: Send {
         self: Box<Self>,
         executor: &ExecutorHandle,
         spec: ProcessSpec,
-        common: Arc<Common>,
+        common: &Arc<Common>,
     ) -> (Announced, ProcessHandle);
 }
 
@@ -269,9 +269,12 @@ where
         self: Box<Self>,
         executor: &ExecutorHandle,
         spec: ProcessSpec,
-        common: Arc<Common>,
+        common: &Arc<Common>,
     ) -> (Announced, ProcessHandle) {
-        executor.announce(spec, move || Supervised::make(*self, &common))
+        // A thread that has entered it needs no reference to make the bodies of its own executor.
+        let is_entered = executor.is_here() && common.is_entered();
+        let common = (!is_entered).then(|| common.clone());
+        executor.announce(spec, move || Supervised::make(*self, common.as_ref()))
     }
 }
 
@@ -301,13 +304,17 @@ impl Common {
             .unwrap_or_else(|payload| Err(Error::Panicked(luna_core::panic_message(&*payload))))
     }
 
+    /// Whether this is what the calling thread's bodies have in common.
+    fn is_entered(&self) -> bool {
+        ENTERED.with_borrow(|entered| {
+            let entered = entered.as_deref();
+            entered.is_some_and(|there| std::ptr::eq(there, self))
+        })
+    }
+
     /// Makes this what the calling thread's bodies have in common.
     pub(super) fn enter_thread(self: &Arc<Self>) {
-        let is_entered = |entered: &Option<Arc<Self>>| {
-            let entered = entered.as_ref();
-            entered.is_some_and(|there| Arc::ptr_eq(there, self))
-        };
-        if ENTERED.with_borrow(is_entered) {
+        if self.is_entered() {
             return;
         }
         self.scope.enter_thread();

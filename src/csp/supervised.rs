@@ -86,10 +86,12 @@ pub(crate) struct Supervised<F> {
 }
 
 impl<F> Supervised<F> {
-    /// Makes the body, on the thread that it is to run on.
-    pub(super) fn make(make: impl FnOnce() -> F, common: &Arc<Common>) -> Self {
-        common.enter_thread();
-        common.log.enter_executor();
+    /// Makes the body, on the thread that it is to run on, and enters what it is given before.
+    pub(super) fn make(make: impl FnOnce() -> F, common: Option<&Arc<Common>>) -> Self {
+        if let Some(common) = common {
+            common.enter_thread();
+            common.log.enter_executor();
+        }
         let alarm = Alarm;
         let body = make();
         std::mem::forget(alarm);

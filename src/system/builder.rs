@@ -29,7 +29,7 @@ fn check_core(
     }
     // Where the machine does not report its cores, the start reports that.
     let online = Source::machine().parse("/sys/devices/system/cpu/online", core_list);
-    let Some(available) = online.ok().filter(|cores| !cores.contains(&core)) else {
+    let Some(available) = online.ok().filter(|cores| is_an_error(core, cores)) else {
         return Ok(());
     };
     let of = attributes.name().to_owned();
@@ -41,6 +41,13 @@ fn check_core(
         core,
         available,
     }))
+}
+
+/// Whether a core that a program asks for is an error on a machine that has `available`. With one
+/// core every placement is the same: a program that was written for a larger machine runs, and its
+/// report names the core as a [`Shortfall`](crate::report::Shortfall).
+fn is_an_error(core: usize, available: &[usize]) -> bool {
+    available.len() > 1 && !available.contains(&core)
 }
 
 /// The attributes of a thread as the system file has them, if they make sense and the machine has
@@ -63,7 +70,9 @@ macro_rules! place_methods {
     () => {
         /// Pins the thread to `core`, by the operating system's number of it. Whether the machine
         /// has it is checked when the executor or process is made; not in a system on a
-        /// [virtual clock](crate::System::virtual_clock), if that was set before.
+        /// [virtual clock](crate::System::virtual_clock), if that was set before. On a machine with
+        /// one core, a core that it has not is no error but a
+        /// [`Shortfall`](crate::report::Shortfall): each thread runs on the one that is there.
         pub fn core(mut self, core: usize) -> Self {
             self.attributes = self.attributes.core(core);
             self
@@ -213,3 +222,16 @@ impl Thread {
 luna_platform::debug_fields!(ExecutorBuilder, |builder| name: builder.attributes.name());
 luna_platform::debug_fields!(Thread, |thread| name: thread.attributes.name());
 luna_platform::debug_fields!(Executor, |executor| number: executor.number);
+
+#[cfg(test)]
+mod tests {
+    use super::is_an_error;
+
+    #[test]
+    fn a_core_that_is_not_there_is_an_error_where_there_is_a_choice() {
+        assert!(is_an_error(2, &[0, 1]));
+        assert!(!is_an_error(1, &[0, 1]));
+        assert!(is_an_error(1, &[0, 2]));
+        assert!(!is_an_error(1, &[0]));
+    }
+}

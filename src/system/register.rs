@@ -351,6 +351,12 @@ struct Numbers(BTreeMap<u32, u32>);
 
 impl Numbers {
     fn insert(&mut self, number: u32) {
+        if let Some(mut newest) = self.0.last_entry()
+            && newest.get().checked_add(1) == Some(number)
+        {
+            *newest.get_mut() = number;
+            return;
+        }
         let after = number.checked_add(1).and_then(|next| self.0.remove(&next));
         let last = after.unwrap_or(number);
         match self.0.range_mut(..=number).next_back() {

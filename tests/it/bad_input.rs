@@ -7,10 +7,18 @@ use luna::error::SetupError;
 use luna::prelude::*;
 use luna_platform::thread::{AttributeError, PolicyError};
 
+fn has_one_core() -> bool {
+    let online = std::fs::read_to_string("/sys/devices/system/cpu/online");
+    online.is_ok_and(|cores| !cores.contains(['-', ',']))
+}
+
 #[test]
 fn a_core_that_does_not_exist() {
     if !COMPLETE {
         return skip("the portable layer does not know the cores");
+    }
+    if has_one_core() {
+        return skip("a machine with one core refuses none");
     }
     let mut system = System::new("wrong");
     for core in [4096, usize::MAX] {

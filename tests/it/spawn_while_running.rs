@@ -347,3 +347,39 @@ fn one_that_starts_a_process_has_its_handle() {
     });
     assert_eq!(system.run().unwrap().processes.len(), 4);
 }
+
+/// Spawns a process when it is dropped: user code that uses the system.
+struct Spawns(luna::Executor, Arc<AtomicUsize>);
+
+impl Drop for Spawns {
+    fn drop(&mut self) {
+        let ran = self.1.clone();
+        self.0
+            .process("of the drop")
+            .one_of_many()
+            .spawn_ok(async move {
+                ran.fetch_add(1, Ordering::SeqCst);
+                Ok(())
+            });
+    }
+}
+
+#[test]
+fn what_is_freed_at_a_spawn_may_spawn() {
+    let _watchdog = watchdog();
+    let ran = Arc::new(AtomicUsize::new(0));
+    let mut system = System::new("spawns");
+    let main = system.executor("main").build().unwrap();
+    let (own, counts) = (main.clone(), ran.clone());
+    main.process("parent").spawn_ok(async move {
+        // Freed later, since it is dropped on the real-time path: by the next spawn.
+        drop(luna_core::deferred_free::Shared::new(Mutex::new(Spawns(
+            own.clone(),
+            counts,
+        ))));
+        own.process("late").one_of_many().spawn_ok(async { Ok(()) });
+        Ok(())
+    });
+    system.run().unwrap();
+    assert_eq!(ran.load(Ordering::SeqCst), 1);
+}

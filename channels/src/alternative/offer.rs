@@ -7,7 +7,7 @@ use crate::barrier::SyncOp;
 use crate::operation::{Direction, Operation};
 use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, Waiting};
-use crate::waiter::Waiter;
+use crate::waiter::{Outcome, Waiter};
 use core::marker::PhantomPinned;
 use core::mem::MaybeUninit;
 use core::pin::Pin;
@@ -369,7 +369,7 @@ unsafe fn withdraw_alone(
         let is_alone = lists.waiting == Waiting::alone_guard(waiter.cast(), of_sender);
         if is_alone {
             lists.set_nothing_waits();
-            Waiter::settle_stale(waiter);
+            Waiter::set_outcome(waiter, Outcome::Stale);
         }
         is_alone
     }

@@ -16,10 +16,8 @@
 //! "Alting Barriers: synchronisation with choice in Java using JCSP", 2010. Here unrelated barriers
 //! do not meet.)
 
-mod party;
 mod sync;
 
-pub use party::Party;
 pub use sync::SyncOp;
 
 use crate::finally::Finally;
@@ -28,7 +26,7 @@ use crate::inspect::WaitPointKind;
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::wait_point::Lists;
-use crate::waiter::Waiter;
+use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Here, PendingWake, User};
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitList;
@@ -197,9 +195,9 @@ luna_platform::debug_fields!(Barrier, |barrier| shared: &raw const *barrier.poin
 impl BarrierPoint {
     /// Remembers that a party is unknown to every system: from outside, or a thread of its own.
     fn note_user(&self) {
-        if current::user() == User::Outside {
-            self.identity.set_external();
-        } else if !current::on_path() {
+        let user = current::user();
+        self.note_outsider(user);
+        if user != User::Outside && !current::on_path() {
             self.identity.set_stranger();
         }
     }
@@ -229,7 +227,7 @@ impl BarrierPoint {
                 && Waiter::wake_here(first.cast::<Waiter<()>>(), here)
             {
                 released.remove_first(first);
-                Waiter::settle_plain(first.cast::<Waiter<()>>());
+                Waiter::set_outcome(first.cast::<Waiter<()>>(), Outcome::Done);
                 left -= 1;
             }
         }
@@ -237,7 +235,7 @@ impl BarrierPoint {
             return false;
         };
         // SAFETY: it was in the list, so it is a live waiter, and the lock is held.
-        let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
+        let ready = unsafe { Waiter::settle(node.cast::<Waiter<()>>(), Outcome::Done) };
         drop(locked);
         self.wake(ready);
         true
@@ -334,7 +332,7 @@ impl<L: Lists> Locked<'_, Round, L> {
                     select_state.as_ref().leave(None);
                     self.offering().remove(node);
                     // An alternative's node holds no wake handle until it is chosen.
-                    Waiter::settle_stale(waiter);
+                    Waiter::set_outcome(waiter, Outcome::Stale);
                 }
             }
             let round = self.state();
@@ -354,5 +352,44 @@ impl<L: Lists> Locked<'_, Round, L> {
             }
             is_enough
         }
+    }
+}
+
+/// One party of a barrier, until it is dropped: see [`Barrier::enroll`].
+///
+/// A process that ends, fails or panics takes its party with it, so that the others do not wait for
+/// it for ever. Dropping it is O(1), and O(parties) if that completes the round.
+///
+/// ```
+/// use luna_channels::Barrier;
+/// # luna_core::block_on(async {
+/// let barrier = Barrier::new(0);
+/// let party = barrier.enroll();
+/// party.sync().await; // alone
+/// drop(party);
+/// assert_eq!(barrier.parties(), 0);
+/// # }).unwrap();
+/// ```
+#[derive(Debug)]
+#[must_use = "the party resigns when this is dropped"]
+pub struct Party {
+    barrier: Barrier,
+}
+
+impl Party {
+    pub(super) fn new(barrier: Barrier) -> Self {
+        Self { barrier }
+    }
+
+    /// As [`Barrier::sync`].
+    #[inline]
+    pub fn sync(&self) -> SyncOp<'_> {
+        self.barrier.sync()
+    }
+}
+
+impl Drop for Party {
+    fn drop(&mut self) {
+        self.barrier.resign();
     }
 }

@@ -14,7 +14,6 @@ use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
 use luna_core::current::{self, PendingWake, Renewal, Turn};
-use luna_platform::sync::atomic::Ordering;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SyncPhase {
@@ -170,9 +169,7 @@ impl<'a> SyncOp<'a> {
                     return Poll::Pending;
                 }
                 locked.released().remove(self.node().cast());
-                (*node)
-                    .outcome
-                    .store(Outcome::Done as u8, Ordering::Relaxed);
+                Waiter::set_outcome(self.node(), Outcome::Done);
                 Poll::Ready((*node).wait.wake_handle_mut().take())
             }
         });
@@ -268,12 +265,11 @@ impl<'a> SyncOp<'a> {
                 locked.arrived().remove(self.node().cast());
                 locked.state().arrived -= 1;
             }
-            let outcome = if is_complete {
-                Outcome::Done
-            } else {
-                Outcome::Stale
+            let outcome = match is_complete {
+                true => Outcome::Done,
+                false => Outcome::Stale,
             };
-            (*node).outcome.store(outcome as u8, Ordering::Relaxed);
+            Waiter::set_outcome(self.node(), outcome);
             let former = (*node).wait.wake_handle_mut().take();
             drop(locked);
             // Dropping a waker can run anything, so at the end.

@@ -1,11 +1,13 @@
-//! A call that was accepted.
+//! A call that was accepted, and what can go wrong with one.
 
 use super::Message;
 use crate::end::End;
-use crate::waiter::Outcome;
+use crate::error::Ended;
+use crate::waiter::{Outcome, Waiter};
 use core::fmt;
 use core::ops::{Deref, DerefMut};
 use luna_core::current::Inheritor;
+use thiserror::Error;
 
 /// A call that was accepted: the request, and the duty to reply. Dropped without a reply, its
 /// client's call fails as [`Unanswered`](crate::CallError::Unanswered).
@@ -138,15 +140,13 @@ impl<Q, A> Reply<'_, Q, A> {
     fn finish(&mut self, message: Message<Q, A>) -> Option<Message<Q, A>> {
         let mut message = Some(message);
         let ticket = core::mem::take(&mut self.ticket);
-        if ticket != 0 {
-            self.end.channel().finish_held(ticket, |client| {
-                if let Some(message) = message.take() {
-                    // SAFETY: a held sender's node holds no value; the lock is held.
-                    unsafe { client.as_ref().put_value(message) };
-                }
-                Outcome::Answered
-            });
-        }
+        self.end.channel().finish_held(ticket, |client| {
+            if let Some(message) = message.take() {
+                // SAFETY: a held sender's node holds no value; the lock is held.
+                unsafe { Waiter::put_value_of(client, message) };
+            }
+            Outcome::Answered
+        });
         message
     }
 }
@@ -162,3 +162,69 @@ luna_platform::debug_fields!(
     ticket: reply.ticket,
     inheritor: reply.inheritor
 );
+
+/// A call failed. A request that no server has taken is given back.
+///
+/// ```
+/// let (client, server) = luna_channels::call_channel::<u32, ()>();
+/// drop(server);
+/// let error = client.blocking_call(7).unwrap_err();
+/// assert!(error.is_closed());
+/// assert_eq!(error.into_request(), Some(7));
+/// ```
+#[derive(Clone, PartialEq, Eq, Error)]
+pub enum CallError<Q> {
+    /// The last server is gone, and did not take the request.
+    #[error("calling on a channel whose last server is gone")]
+    Closed(Q),
+    /// The channel, or the branch that called, was poisoned before a server took the request.
+    #[error("calling on a poisoned channel")]
+    Poisoned(Q),
+    /// A server took the request and did not reply: it has dropped the call, or panicked.
+    #[error(
+        "the server has dropped the call without a reply: it has ended or panicked, or does not reply to all"
+    )]
+    Unanswered,
+    /// A server took the request, and the channel, or the branch that called, was poisoned before
+    /// the reply.
+    #[error("the channel was poisoned before the server replied")]
+    Interrupted,
+}
+
+impl<Q> CallError<Q> {
+    /// The request, if no server has taken it.
+    pub fn into_request(self) -> Option<Q> {
+        match self {
+            CallError::Closed(request) | CallError::Poisoned(request) => Some(request),
+            CallError::Unanswered | CallError::Interrupted => None,
+        }
+    }
+
+    /// Whether the last server is gone.
+    pub fn is_closed(&self) -> bool {
+        matches!(self, CallError::Closed(_))
+    }
+
+    /// Whether the channel, or the branch that called, was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        matches!(self, CallError::Poisoned(_) | CallError::Interrupted)
+    }
+
+    /// Whether a server has dropped the call.
+    pub fn is_unanswered(&self) -> bool {
+        matches!(self, CallError::Unanswered)
+    }
+}
+
+impl<Q> Ended for CallError<Q> {
+    fn poisoned(&self) -> Option<bool> {
+        Some(self.is_poisoned())
+    }
+
+    fn has_communicated(&self) -> bool {
+        matches!(self, CallError::Unanswered | CallError::Interrupted)
+    }
+}
+
+// Without the request, so that it need not be `Debug`.
+luna_platform::debug_fields!(impl[Q] CallError<Q>, |error| reason: format_args!("{error}"));

@@ -1,19 +1,11 @@
 //! The calling end.
 
 use super::{CallError, Message};
-use crate::core::{Attempted, ChannelGuard};
 use crate::ended::Ended;
-use crate::operation::{Direction, Node, Operation};
-use crate::select_state::SelectState;
+use crate::operation::{Direction, Operation};
 use crate::sender::Sender;
-use crate::source::InNode;
-use crate::wait_point::WaitQueues;
-use crate::waiter::{Begun, Outcome, Waiter};
+use crate::waiter::{Outcome, Waiter};
 use core::fmt;
-use core::ops::DerefMut;
-use core::ptr::NonNull;
-use core::task::Context;
-use luna_core::wait_list::WaitNode;
 
 /// The calling end of a [`call_channel`](crate::call_channel). Any number of clones, on any
 /// threads, may call at the same time.
@@ -180,61 +172,22 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
     const PLAIN: bool = false;
     const ANSWERED: bool = true;
 
-    #[inline]
-    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
-        node: NonNull<Node<Message<Q, A>, Self>>,
-        locked: &mut ChannelGuard<'_, Message<Q, A>, L>,
-        cx: Option<&Context<'_>>,
-    ) -> Attempted {
-        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
-        // future knows it, and it holds its request. With `cx` it stays. It begins with its waiter,
-        // as that of a send of what is in the node does, which looks at nothing else.
-        unsafe { locked.send_now::<InNode>(node.cast(), cx) }
+    fn succeeded<'a>(_: &mut CallOp<'a, Q, A>) -> A {
+        unreachable!("a call is answered")
     }
 
-    #[inline]
-    unsafe fn begin(
-        node: NonNull<Node<Message<Q, A>, Self>>,
-        wait: WaitNode,
-        select_state: Option<(NonNull<SelectState>, u32)>,
-    ) {
-        // SAFETY: the node is a new operation's, as is demanded here: it is in no list, and only
-        // its future knows it.
-        unsafe {
-            Waiter::begin_as(
-                node.cast::<Waiter<Message<Q, A>>>(),
-                wait,
-                Begun::InFull,
-                select_state,
-                None,
-            )
-        };
-    }
-
-    fn refused(call: &mut CallOp<'_, Q, A>, outcome: Outcome) -> Option<CallError<Q>> {
+    fn communicated<'a>(call: &mut CallOp<'a, Q, A>, outcome: Outcome) -> Result<A, CallError<Q>> {
         match outcome {
             // SAFETY: an answered node holds a value, and no other thread knows it.
             Outcome::Answered => match unsafe { call.take_value() } {
-                Message::Answer(answer) => {
-                    // SAFETY: as before; the value was taken.
-                    unsafe { Waiter::put_value_of(call.waiter(), Message::Answer(answer)) };
-                    None
-                }
-                _ => Some(CallError::Unanswered),
+                Message::Answer(answer) => Ok(answer),
+                _ => Err(CallError::Unanswered),
             },
             // Its branch has failed while the server had the request.
-            Outcome::Held => Some(CallError::Interrupted),
-            _ if call.channel().is_poisoned() => Some(CallError::Interrupted),
+            Outcome::Held => Err(CallError::Interrupted),
+            _ if call.channel().is_poisoned() => Err(CallError::Interrupted),
             // A call that was forgotten until the last server went.
-            _ => Some(CallError::Unanswered),
-        }
-    }
-
-    fn succeeded<'a>(call: &mut CallOp<'a, Q, A>) -> A {
-        // SAFETY: it was not refused, so its node holds the answer, and no other thread knows it.
-        match unsafe { call.take_value() } {
-            Message::Answer(answer) => answer,
-            _ => unreachable!("a call succeeds by an answer"),
+            _ => Err(CallError::Unanswered),
         }
     }
 

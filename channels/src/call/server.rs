@@ -1,7 +1,6 @@
 //! The answering end.
 
-use super::serving::Serving;
-use super::{Call, Message};
+use super::{Call, Message, Serving};
 use crate::ended::Ended;
 use crate::error::{RecvError, TryRecvError};
 use crate::operation::RecvOp;

@@ -79,7 +79,7 @@ impl<T> Channel<T> {
             } else if let Some(node) = lists.held.pop() {
                 // It has communicated, whatever comes after; poisoning wakes every
                 // waiter. SAFETY: the node was in the list, and the lock is held.
-                unsafe { Waiter::release(node.cast::<Waiter<T>>()) }
+                unsafe { Waiter::settle(node.cast::<Waiter<T>>(), Outcome::Done) }
             } else if let Some(ready) = take_watcher(lists) {
                 ready
             } else {
@@ -115,32 +115,24 @@ impl<T> Channel<T> {
 
     /// # Safety
     ///
-    /// The caller gives up a sender, which it does not use again.
-    pub(crate) unsafe fn drop_sender(channel: NonNull<Self>) {
-        // SAFETY: the sender kept the channel alive until now, and its kind does until `drop_kind`.
+    /// The caller gives up a sender or a receiver, which it does not use again.
+    pub(crate) unsafe fn drop_end(channel: NonNull<Self>, is_sender: bool) {
+        // SAFETY: the end kept the channel alive until now, and its kind does until `drop_kind`,
+        // which is called once for it.
         unsafe {
             let _gone = Finally::new(|| {
-                if channel.as_ref().senders.fetch_sub(1, Ordering::AcqRel) == 1 {
+                let this = channel.as_ref();
+                let ends = match is_sender {
+                    true => &this.senders,
+                    false => &this.receivers,
+                };
+                if ends.fetch_sub(1, Ordering::AcqRel) == 1 {
                     let _kind = Finally::new(|| Self::drop_kind(channel));
-                    channel.as_ref().end(Ending::Closed);
-                }
-            });
-            channel.as_ref().poison_if_ended_for_cause();
-        }
-    }
-
-    /// # Safety
-    ///
-    /// The caller gives up a receiver, which it does not use again.
-    pub(crate) unsafe fn drop_receiver(channel: NonNull<Self>) {
-        // SAFETY: the receiver kept the channel alive until now, and its kind does until
-        // `drop_kind`.
-        unsafe {
-            let _gone = Finally::new(|| {
-                if channel.as_ref().receivers.fetch_sub(1, Ordering::AcqRel) == 1 {
-                    let _kind = Finally::new(|| Self::drop_kind(channel));
-                    let _stored = Finally::new(|| channel.as_ref().drop_stored());
-                    channel.as_ref().end(Ending::Closed);
+                    let _stored = Finally::new(|| match is_sender {
+                        true => {}
+                        false => this.drop_stored(),
+                    });
+                    this.end(Ending::Closed);
                 }
             });
             channel.as_ref().poison_if_ended_for_cause();

@@ -24,7 +24,7 @@ mod locked;
 mod prologue;
 mod registered;
 
-pub(crate) use hand_off::HandOff;
+pub(crate) use hand_off::{HandOff, HandOffSlots, Nodes};
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
 #[cfg(all(test, loom))]
 pub(crate) use prologue::taken;
@@ -35,12 +35,11 @@ use crate::buffer::{Buffer, WhenFull};
 use crate::finally::Finally;
 use crate::inspect::{Identity, ValueMethods, WaitPointKind};
 pub(crate) use crate::wait_point::Ending;
-use crate::wait_point::{WaitPoint, WaitQueues};
+use crate::wait_point::{Lists, WaitPoint};
 use crate::waiter::{Outcome, Waiter};
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
 use core::mem::offset_of;
-use core::ops::DerefMut;
 use core::ptr::NonNull;
 use luna_core::current::{self, Here, Renewal, WakeHandle};
 use luna_core::deferred_free::Retired;
@@ -89,7 +88,7 @@ impl<T> Channel<T> {
             }
         };
         let mut wait_point = WaitPoint::new(identity);
-        wait_point.with_mut(|lists| {
+        wait_point.lock.with_mut(|lists| {
             // A buffer that drops values, or grows, needs the slow path.
             let may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.set_up(
@@ -168,12 +167,7 @@ impl<T> Channel<T> {
 
     #[inline]
     pub(crate) fn lock(&self) -> Locked<'_, T> {
-        self.lock_in(Here::now())
-    }
-
-    #[inline]
-    pub(crate) fn lock_in<'a>(&'a self, here: Here<'a>) -> Locked<'a, T> {
-        let mut locked = self.lock_beside_slots(here);
+        let mut locked = self.lock_beside_slots(Here::now());
         locked.list_from_slots();
         locked
     }
@@ -183,7 +177,7 @@ impl<T> Channel<T> {
     pub(crate) fn lock_beside_slots<'a>(&'a self, here: Here<'a>) -> Locked<'a, T> {
         ChannelGuard {
             channel: self,
-            lists: self.wait_point.lock_from(here),
+            lists: self.wait_point.lock(here),
             here,
         }
     }
@@ -194,7 +188,7 @@ impl<T> Channel<T> {
     ///
     /// `lists` are those of this channel.
     #[inline]
-    pub(crate) unsafe fn guard_of<'a, L: DerefMut<Target = WaitQueues>>(
+    pub(crate) unsafe fn guard_of<'a, L: Lists>(
         &'a self,
         lists: L,
         here: Here<'a>,
@@ -225,22 +219,19 @@ impl<T> Channel<T> {
         unsafe {
             let outcome = Waiter::outcome(node);
             let list = match outcome {
-                Outcome::Waiting if of_sender => &mut locked.lists.senders,
-                Outcome::Waiting => &mut locked.lists.receivers,
+                Outcome::Waiting => locked.lists.queue(of_sender),
                 Outcome::Held => &mut locked.lists.held,
                 _ => return (outcome, None),
             };
             list.remove(node.cast());
             locked.boost_while_they_wait();
-            let link = Waiter::link(node);
-            let former = (*link).wait.wake_handle_mut().take();
-            let now = if outcome == Outcome::Held {
+            let former = (*Waiter::link(node)).wait.wake_handle_mut().take();
+            let now = match outcome {
                 // The value was received: the receiver finds no sender to release.
-                Outcome::Done
-            } else {
-                Outcome::Stale
+                Outcome::Held => Outcome::Done,
+                _ => Outcome::Stale,
             };
-            (*link).outcome.store(now as u8, Ordering::Relaxed);
+            Waiter::set_outcome(node, now);
             (outcome, former)
         }
     }
@@ -288,7 +279,7 @@ impl<T> Channel<T> {
         if let Some(receiver) = locked.commit_receiver(true) {
             // SAFETY: it was just committed; a receiver's node holds no value before it is done.
             let ready = unsafe {
-                receiver.as_ref().put_value(value);
+                Waiter::put_value_of(receiver, value);
                 Waiter::settle(receiver, Outcome::Done)
             };
             drop(locked);
@@ -386,38 +377,31 @@ impl<T> Channel<T> {
     /// Lets the sender go on that was held in rendezvous `ticket`, if it has not gone already.
     /// O(held senders).
     pub(crate) fn release_held(&self, ticket: u32) {
-        if ticket == 0 {
-            return;
-        }
         self.finish_held(ticket, |_| Outcome::Done);
     }
 
     /// Lets the sender go on that was held in rendezvous `ticket`; if it is still there, calls
-    /// `last` with it before, under the lock, to set its result. Returns whether it was there.
-    /// O(held senders).
+    /// `last` with it before, under the lock, to set its result. O(held senders).
     pub(crate) fn finish_held(
         &self,
         ticket: u32,
         last: impl FnOnce(NonNull<Waiter<T>>) -> Outcome,
-    ) -> bool {
-        let mut locked = self.lock();
-        let mut next = locked.lists.held.first();
-        while let Some(node) = next {
-            // SAFETY: a node in the list is a live waiter that the lock guards.
-            unsafe {
-                let waiter = node.cast::<Waiter<T>>();
-                if (*Waiter::link(waiter)).ticket == ticket {
-                    let outcome = last(waiter);
-                    locked.lists.held.remove(node);
-                    let ready = Waiter::settle(waiter, outcome);
-                    drop(locked);
-                    ready.wake();
-                    return true;
-                }
-                next = locked.lists.held.after(node);
-            }
+    ) {
+        if ticket == 0 {
+            return;
         }
-        false
+        let mut locked = self.lock();
+        let Some(sender) = locked.held(ticket) else {
+            return;
+        };
+        let outcome = last(sender);
+        // SAFETY: it is in the list, so it is a live waiter that the lock guards; its result is set.
+        let ready = unsafe {
+            locked.lists.held.remove(sender.cast());
+            Waiter::settle(sender, outcome)
+        };
+        drop(locked);
+        ready.wake();
     }
 
     /// Number of buffered values. For display: it may have changed already.

@@ -20,7 +20,7 @@
 //! A node that waits alone belongs to a process of this very executor: only the executor that owns
 //! the bias lets a node wait so, and a lock is biased to no second one.
 //!
-//! [`Plain::meet`] does not depend on the type of the values, so all channels share one copy of it
+//! [`meet`] does not depend on the type of the values, so all channels share one copy of it
 //! for each direction. A system has processes of many kinds, and its channels many types: with a
 //! copy for each, the code of a cycle exceeds the first-level cache, and a loop that sleeps between
 //! its cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
@@ -28,7 +28,7 @@
 use super::Channel;
 use crate::alternative::{Commit, commit};
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues, Waiting};
-use crate::waiter::Waiter;
+use crate::waiter::{Outcome, Waiter};
 use core::hint::assert_unchecked;
 use core::ptr::NonNull;
 use luna_core::biased_lock::{InsideGuard, Refused};
@@ -51,7 +51,7 @@ pub(crate) enum FastPath {
     No,
 }
 
-/// A step that depends on the type of the channel's values: the rest of [`Plain::meet`] where its
+/// A step that depends on the type of the channel's values: the rest of [`meet`] where its
 /// condition holds.
 ///
 /// # Safety
@@ -111,56 +111,6 @@ impl<'a, const SEND: bool> Plain<'a, SEND> {
         unsafe { self.channel.as_ref() }
     }
 
-    /// Meets what waits alone, or lets the operation wait. O(1).
-    #[inline(always)]
-    fn meet(self) -> FastPath {
-        let Self {
-            channel,
-            node,
-            turn,
-        } = self;
-        // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
-        // closure of a `send_with` runs under one, but it has no plain turn.
-        let lists = match unsafe { self.wait_point().enter(turn) } {
-            Ok(lists) => lists,
-            Err(Refused::NotBiased) => return FastPath::No,
-            Err(Refused::Revoked) => return self.wait_point().revoked(FastPath::No),
-        };
-        let waiting = lists.waiting;
-        // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and
-        // belongs to a process of this executor. `moves_word` says that the channel's values need
-        // no mover. Where the lock is kept, the callee takes it back, for this operation.
-        unsafe {
-            if let Some(partner) = waiting.one(!SEND) {
-                if !lists.moves_word {
-                    lists.keep();
-                    return part_long::<SEND>(channel, node, turn, partner);
-                }
-                let (from, to) = nodes_of::<SEND>(node, partner);
-                Waiter::move_word(from, to);
-                return part::<SEND>(self.wait_point(), lists, partner, turn);
-            }
-            if waiting.is_idle() {
-                return self.wait_alone(lists);
-            }
-            lists.keep();
-            let values = self.wait_point().identity.values;
-            if waiting.is_store() {
-                return match SEND {
-                    true => (values.store)(channel, node, turn),
-                    false => (values.take)(channel, node, turn),
-                };
-            }
-            if SEND && waiting == Waiting::REGISTERED {
-                return (values.send_to_registered)(channel, node, turn);
-            }
-            match waiting.guard(!SEND) {
-                Some(guard) => meet_guard::<SEND>(channel, node, turn, guard),
-                None => meet_queues::<SEND>(channel, node, turn),
-            }
-        }
-    }
-
     /// Lets the operation wait alone.
     ///
     /// # Safety
@@ -217,7 +167,7 @@ unsafe fn move_value<const SEND: bool>(
     }
 }
 
-/// The rest of [`Plain::meet`], for a value that is longer than a word.
+/// The rest of [`meet`], for a value that is longer than a word.
 ///
 /// # Safety
 ///
@@ -239,7 +189,7 @@ unsafe fn part_long<const SEND: bool>(
     }
 }
 
-/// The rest of [`Plain::meet`], where a guard waits alone for an operation of this side: its
+/// The rest of [`meet`], where a guard waits alone for an operation of this side: its
 /// alternative is committed first.
 ///
 /// # Safety
@@ -266,7 +216,7 @@ unsafe fn meet_guard<const SEND: bool>(
                 depart::<SEND>(plain.wait_point(), lists, (guard, ready), turn)
             }
             Commit::Stale => {
-                Waiter::<()>::settle_stale(guard.cast());
+                Waiter::<()>::set_outcome(guard.cast(), Outcome::Stale);
                 plain.wait_alone(lists)
             }
             Commit::No => go_on_inside(lists),
@@ -274,7 +224,7 @@ unsafe fn meet_guard<const SEND: bool>(
     }
 }
 
-/// The rest of [`Plain::meet`], where something else waits, or has waited until now.
+/// The rest of [`meet`], where something else waits, or has waited until now.
 ///
 /// # Safety
 ///
@@ -293,10 +243,7 @@ unsafe fn meet_queues<const SEND: bool>(
             return go_on_inside(lists);
         }
         drop(lists);
-        match SEND {
-            true => send(channel, node, turn),
-            false => recv(channel, node, turn),
-        }
+        meet::<SEND>(channel, node, turn)
     }
 }
 
@@ -307,34 +254,61 @@ pub(super) fn go_on_inside(lists: InsideGuard<'_, WaitQueues>) -> FastPath {
     FastPath::Inside
 }
 
-/// [`Plain::meet`]: the copy for all sends.
+/// Meets what waits alone, or lets the operation wait: one copy for all sends, and one for all
+/// receives. O(1).
 ///
 /// # Safety
 ///
 /// As for [`Plain`].
 #[inline(never)]
-unsafe fn send(
+unsafe fn meet<const SEND: bool>(
     channel: NonNull<WaitPoint>,
     node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: as is demanded here.
-    unsafe { Plain::<true>::new(channel, node, turn) }.meet()
-}
-
-/// [`Plain::meet`]: the copy for all receives.
-///
-/// # Safety
-///
-/// As for [`Plain`].
-#[inline(never)]
-unsafe fn recv(
-    channel: NonNull<WaitPoint>,
-    node: NonNull<Waiter<()>>,
-    turn: PlainTurn<'_>,
-) -> FastPath {
-    // SAFETY: as is demanded here.
-    unsafe { Plain::<false>::new(channel, node, turn) }.meet()
+    let plain = unsafe { Plain::<SEND>::new(channel, node, turn) };
+    let wait_point = plain.wait_point();
+    // SAFETY: a plain turn's poll begins without a lock of a wait point, on this thread. The
+    // closure of a `send_with` runs under one, but it has no plain turn.
+    let lists = match unsafe { wait_point.lock.enter_trusted(turn) } {
+        Ok(lists) => lists,
+        Err(Refused::NotBiased) => return FastPath::No,
+        Err(Refused::Revoked) => return wait_point.revoked(FastPath::No),
+    };
+    let waiting = lists.waiting;
+    // SAFETY: the lock is held, so that a node that waits alone is live and not settled, and
+    // belongs to a process of this executor. `moves_word` says that the channel's values need
+    // no mover. Where the lock is kept, the callee takes it back, for this operation.
+    unsafe {
+        if let Some(partner) = waiting.one(!SEND) {
+            if !lists.moves_word {
+                lists.keep();
+                return part_long::<SEND>(channel, node, turn, partner);
+            }
+            let (from, to) = nodes_of::<SEND>(node, partner);
+            Waiter::move_word(from, to);
+            return part::<SEND>(wait_point, lists, partner, turn);
+        }
+        if waiting.is_idle() {
+            return plain.wait_alone(lists);
+        }
+        lists.keep();
+        let values = wait_point.identity.values;
+        if waiting.is_store() {
+            return match SEND {
+                true => (values.store)(channel, node, turn),
+                false => (values.take)(channel, node, turn),
+            };
+        }
+        if SEND && waiting == Waiting::REGISTERED {
+            return (values.send_to_registered)(channel, node, turn);
+        }
+        match waiting.guard(!SEND) {
+            Some(guard) => meet_guard::<SEND>(channel, node, turn, guard),
+            None => meet_queues::<SEND>(channel, node, turn),
+        }
+    }
 }
 
 impl<T> Channel<T> {
@@ -358,8 +332,8 @@ impl<T> Channel<T> {
         // stays: as [`Plain`] demands.
         let met = unsafe {
             match is_sender {
-                true => send(channel, node.cast(), turn),
-                false => recv(channel, node.cast(), turn),
+                true => meet::<true>(channel, node.cast(), turn),
+                false => meet::<false>(channel, node.cast(), turn),
             }
         };
         #[cfg(test)]
@@ -406,11 +380,11 @@ pub(super) unsafe fn depart<const SEND: bool>(
     turn: PlainTurn<'_>,
 ) -> FastPath {
     // SAFETY: the partner was committed and taken off under the lock that is still held, and its
-    // value was moved, so it is `Done`, as `settle_plain` demands. Its wake was made in a plain
+    // value was moved, so it is `Done`, as `set_outcome` demands. Its wake was made in a plain
     // turn on this thread, which has left the lock when it wakes.
     unsafe {
         lists.note_user(SEND, LastUser::process(turn.process().id()));
-        Waiter::<()>::settle_plain(partner.cast());
+        Waiter::<()>::set_outcome(partner.cast(), Outcome::Done);
         if !lists.leave() {
             return part_revoked(wait_point, ready, turn);
         }
@@ -562,7 +536,6 @@ impl<T> Channel<T> {
         // for all that the buffer holds, and one that is not full has room for one more.
         unsafe {
             let this = channel.cast::<Self>().as_ref();
-            let mut lists = this.wait_point.kept(turn);
             let is_stored = this.store.with_mut(|store| {
                 let store = &mut *store;
                 if store.len() >= this.capacity() {
@@ -573,8 +546,9 @@ impl<T> Channel<T> {
                 true
             });
             if !is_stored {
-                return go_on_inside(lists);
+                return FastPath::Inside;
             }
+            let mut lists = this.wait_point.kept(turn);
             lists.note_user(true, LastUser::process(turn.process().id()));
             lists.is_storing = true;
             leave_done(&this.wait_point, lists, turn)
@@ -595,17 +569,18 @@ impl<T> Channel<T> {
         // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
         // demands that. This thread has kept the lock, which guards the store too, and takes it
         // back once. Where a value is stored, `pop_front` returns one. A new receive's node holds
-        // none, and only its future knows it. Else nothing waits, as `wait_alone` demands.
+        // none, and only its future knows it. Else nothing waits, as `wait_for_value` demands, which
+        // takes the lock back in this function's stead. It is taken back late: one register less is
+        // in use while the value moves.
         unsafe {
             let this = channel.cast::<Self>().as_ref();
-            let mut lists = this.wait_point.kept(turn);
             let stored = this.store.with(|store| (*store).len());
             if stored == 0 {
-                lists.keep();
                 return wait_for_value(channel, node, turn);
             }
             let value = this.store.with_mut(|store| (*store).pop_front());
             Waiter::put_value_of(node.cast::<Waiter<T>>(), value.unwrap_unchecked());
+            let mut lists = this.wait_point.kept(turn);
             lists.note_user(false, LastUser::process(turn.process().id()));
             lists.is_storing = stored > 1;
             leave_done(&this.wait_point, lists, turn)

@@ -6,7 +6,7 @@ use super::prologue::{Plain, depart, go_on_inside};
 use super::{Channel, FastPath};
 use crate::alternative::Entry;
 use crate::wait_point::{LastUser, WaitPoint, WaitQueues};
-use crate::waiter::Waiter;
+use crate::waiter::{Outcome, Waiter};
 use core::ptr::NonNull;
 use luna_core::current::{PlainPendingWake, PlainTurn};
 use luna_core::wait_list::WaitNode;
@@ -104,7 +104,7 @@ unsafe fn taken_from<T>(
     // held, and its value is moved out before it is settled as done.
     unsafe {
         let value = Waiter::<T>::take_value_of(sender.cast());
-        Waiter::<T>::settle_plain(sender.cast());
+        Waiter::<T>::set_outcome(sender.cast(), Outcome::Done);
         (value, ready)
     }
 }

@@ -1,7 +1,7 @@
 //! The condition variable.
 
 use super::entry::{Cause, Entry};
-use super::error::LockError;
+use super::guard::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
@@ -9,7 +9,7 @@ use crate::guarded_wait_point::{GuardedWaitPoint, Locked};
 use crate::inspect::WaitPointKind;
 use crate::wait_point::{LastUser, Lists, WaitQueues};
 use core::time::Duration;
-use luna_core::current::{self, User};
+use luna_core::current;
 use luna_core::deferred_free::Shared;
 use luna_core::wait_list::WaitList;
 use luna_platform::clock::Instant;
@@ -291,14 +291,7 @@ impl Condvar {
     fn note_notifier(&self, lists: &mut WaitQueues) {
         let user = current::user();
         lists.receiver = LastUser::of(user);
-        self.note_user(user);
-    }
-
-    /// Remembers that a user is outside of the system.
-    pub(super) fn note_user(&self, user: User) {
-        if user == User::Outside {
-            self.wait_point().identity.set_external();
-        }
+        self.wait_point().note_outsider(user);
     }
 
     /// Declares that a notifier is outside of the system: a plain thread, say. A process that waits

@@ -38,7 +38,7 @@
 //    ends with that (`boost_holder`).
 // 2. *A chain.* The holder may wait for another mutex itself. The waits of each process (or thread)
 //    are listed with it, under the lock of its executor's boosts. A thread that changes a boost
-//    follows these lists without holding a wait point's lock (`chain`): it takes the next wait
+//    follows these lists without holding a wait point's lock (`follow`): it takes the next wait
 //    point's lock, moves the node to where its process' priority now belongs, and boosts the next
 //    holder. Each step uses the priority as it is then, so of several threads that follow the same
 //    chain at once the last one leaves it right. A node is listed with its process before its
@@ -56,30 +56,25 @@
 //    after the next holder was woken: earlier, a process of middle priority could run in between.
 //
 // Bounds. Each critical section under a wait point's lock is O(1), or O(waiters of lower priority)
-// to be listed. A chain is followed over at most `chain::HOLDERS` holders and `chain::STEPS` wait
+// to be listed. A chain is followed over at most `entry::HOLDERS` holders and `entry::STEPS` wait
 // points; each costs O(its waiters).
 
-mod acquire;
-mod chain;
 mod condition;
 mod core;
 mod entry;
-mod error;
-mod give_back;
 mod guard;
-mod lock;
 mod mutex;
-mod permit;
 mod semaphore;
 mod take;
+mod taking;
 mod wait;
 
-pub use acquire::{AcquireOp, AcquireTimeout};
 pub use condition::Condvar;
-pub use error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError};
-pub use guard::{MutexGuard, OwnerDied};
-pub use lock::{LockOp, LockTimeout};
+pub use guard::{
+    AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, MutexGuard, OwnerDied,
+    TryLockError,
+};
 pub use mutex::Mutex;
-pub use permit::SemaphorePermit;
-pub use semaphore::Semaphore;
+pub use semaphore::{Semaphore, SemaphorePermit};
+pub use taking::{AcquireOp, AcquireTimeout, LockOp, LockTimeout, Permits, TakeOp, TakeTimeout};
 pub use wait::{WaitOp, WaitTimeout, WaitTimeoutResult};

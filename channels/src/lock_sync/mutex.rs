@@ -1,11 +1,15 @@
 //! The mutex itself.
 
 use super::core::{Core, Hold};
-use super::error::{AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError};
+use super::guard::{LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
-use super::lock::{LockOp, LockTimeout};
 use super::take::Take;
+#[cfg(not(loom))]
+use super::taking::Permits;
+use super::taking::{LockOp, LockTimeout};
 use crate::inspect::WaitPointKind;
+#[cfg(not(loom))]
+use crate::replay;
 use core::mem::ManuallyDrop;
 use core::time::Duration;
 use luna_core::deferred_free::Shared;
@@ -129,7 +133,10 @@ impl<T> Mutex<T> {
     /// parallel construct after a sibling has failed.
     #[inline]
     pub fn lock(&self) -> LockOp<'_, T> {
-        LockOp::new(self)
+        LockOp {
+            of: self,
+            take: Take::new(&self.core, 1, false),
+        }
     }
 
     /// Locks, if the mutex is free. O(1), for the real-time path. On a plain thread, the first call
@@ -168,12 +175,12 @@ impl<T> Mutex<T> {
     /// # }).unwrap();
     /// ```
     pub fn lock_timeout(&self, timeout: Duration) -> LockTimeout<'_, T> {
-        LockTimeout::new(self, Sleep::after(timeout))
+        self.lock().until(Sleep::after(timeout))
     }
 
     /// Like [`lock_timeout`](Self::lock_timeout), until an absolute deadline.
     pub fn lock_deadline(&self, deadline: Instant) -> LockTimeout<'_, T> {
-        LockTimeout::new(self, Sleep::until(deadline))
+        self.lock().until(Sleep::until(deadline))
     }
 
     /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes.
@@ -190,8 +197,7 @@ impl<T> Mutex<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_lock(&self) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
-        let taken = luna_core::park::block_on(self.take(true));
-        self.taken(taken)
+        self.taken(1, luna_core::park::block_on(self.take(true)))
     }
 
     /// Like [`blocking_lock`](Self::blocking_lock), for at most `timeout`.
@@ -218,40 +224,20 @@ impl<T> Mutex<T> {
         &self,
         timeout: Duration,
     ) -> Result<MutexGuard<'_, T>, LockTimeoutError<'_, T>> {
-        let taken = self.take(true).block_for(timeout);
-        self.taken_in_time(taken)
+        self.taken_in_time(1, replay::block_for(self.take(true), timeout))
     }
 
     /// The result for the holder.
     #[inline]
-    fn held<'a>(&'a self, hold: Hold<'_>) -> Result<MutexGuard<'a, T>, OwnerDied<'a, T>> {
+    pub(super) fn held<'a>(
+        &'a self,
+        hold: Hold<'_>,
+    ) -> Result<MutexGuard<'a, T>, OwnerDied<'a, T>> {
         let guard = MutexGuard::new(self, hold);
         match self.value.has_died.load(Ordering::Relaxed) {
             true => Err(OwnerDied::new(guard)),
             false => Ok(guard),
         }
-    }
-
-    /// The result of a [`Take`], for its caller.
-    #[inline]
-    pub(super) fn taken<'a>(
-        &'a self,
-        taken: Result<Hold<'_>, AcquireError>,
-    ) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
-        let hold = taken.map_err(|AcquireError| LockError::Poisoned)?;
-        self.held(hold).map_err(LockError::OwnerDied)
-    }
-
-    /// As [`taken`](Self::taken), of one that gives up.
-    pub(super) fn taken_in_time<'a>(
-        &'a self,
-        taken: Result<Hold<'_>, AcquireTimeoutError>,
-    ) -> Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>> {
-        let hold = taken.map_err(|error| match error {
-            AcquireTimeoutError::Timeout => LockTimeoutError::Timeout,
-            AcquireTimeoutError::Poisoned => LockTimeoutError::Poisoned,
-        })?;
-        self.held(hold).map_err(LockTimeoutError::OwnerDied)
     }
 
     /// Names the mutex in reports: see [`inspect`](crate::inspect). Not for the real-time path.

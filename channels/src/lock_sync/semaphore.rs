@@ -1,12 +1,14 @@
-//! The counting semaphore.
+//! The counting semaphore, and permits that were taken.
 
-use super::acquire::{AcquireOp, AcquireTimeout};
 use super::core::Core;
-use super::error::{AcquireError, AcquireTimeoutError};
-use super::permit::SemaphorePermit;
+use super::guard::{AcquireError, AcquireTimeoutError};
 use super::take::Take;
+#[cfg(not(loom))]
+use super::taking::Permits;
+use super::taking::{AcquireOp, AcquireTimeout};
 use crate::inspect::WaitPointKind;
 use crate::replay;
+use core::mem::ManuallyDrop;
 use core::time::Duration;
 use luna_core::current;
 use luna_core::deferred_free::Shared;
@@ -91,7 +93,10 @@ impl Semaphore {
     /// ```
     #[inline]
     pub fn acquire_many(&self, count: u32) -> AcquireOp<'_> {
-        AcquireOp::new(self, count)
+        AcquireOp {
+            of: self,
+            take: self.take(count, false),
+        }
     }
 
     /// Takes a permit, if there is one and no waiter is as urgent. O(1), for the real-time path.
@@ -122,12 +127,12 @@ impl Semaphore {
     /// # }).unwrap();
     /// ```
     pub fn acquire_timeout(&self, timeout: Duration) -> AcquireTimeout<'_> {
-        AcquireTimeout::new(self, Sleep::after(timeout))
+        self.acquire().until(Sleep::after(timeout))
     }
 
     /// Like [`acquire_timeout`](Self::acquire_timeout), until an absolute deadline.
     pub fn acquire_deadline(&self, deadline: Instant) -> AcquireTimeout<'_> {
-        AcquireTimeout::new(self, Sleep::until(deadline))
+        self.acquire().until(Sleep::until(deadline))
     }
 
     /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread
@@ -144,8 +149,7 @@ impl Semaphore {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_acquire(&self) -> Result<SemaphorePermit<'_>, AcquireError> {
-        let taken = luna_core::park::block_on(self.take(1, true));
-        taken.map(|_| SemaphorePermit::taken(self, 1))
+        self.taken(1, luna_core::park::block_on(self.take(1, true)))
     }
 
     /// Like [`blocking_acquire`](Self::blocking_acquire), for at most `timeout`.
@@ -170,8 +174,7 @@ impl Semaphore {
         &self,
         timeout: Duration,
     ) -> Result<SemaphorePermit<'_>, AcquireTimeoutError> {
-        let taken = self.take(1, true).block_for(timeout);
-        taken.map(|_| SemaphorePermit::taken(self, 1))
+        self.taken_in_time(1, replay::block_for(self.take(1, true), timeout))
     }
 
     /// Makes `count` more permits. Real-time path: yes; O(waiters served by them), each in a lock
@@ -213,3 +216,45 @@ impl Semaphore {
 }
 
 luna_platform::debug_fields!(Semaphore, |semaphore| shared: &raw const *semaphore.core);
+
+/// Permits of a [`Semaphore`], which are given back when this is dropped: O(waiters served by
+/// them), for the real-time path.
+///
+/// They may be kept across awaits, and be sent to another process or thread.
+///
+/// ```
+/// use luna_channels::lock_sync::Semaphore;
+///
+/// let semaphore = Semaphore::new(2);
+/// semaphore.try_acquire().unwrap().forget(); // for good
+/// assert_eq!(semaphore.available_permits(), 1);
+/// ```
+#[derive(Debug)]
+#[must_use = "the permits are given back when this is dropped"]
+pub struct SemaphorePermit<'a> {
+    semaphore: &'a Semaphore,
+    count: u32,
+}
+
+impl<'a> SemaphorePermit<'a> {
+    /// So many that the caller has taken, and gives away.
+    pub(super) fn taken(semaphore: &'a Semaphore, count: u32) -> Self {
+        Self { semaphore, count }
+    }
+
+    /// How many they are.
+    pub fn num_permits(&self) -> u32 {
+        self.count
+    }
+
+    /// Does not give them back: the semaphore has so many less from now on.
+    pub fn forget(self) {
+        let _ = ManuallyDrop::new(self);
+    }
+}
+
+impl Drop for SemaphorePermit<'_> {
+    fn drop(&mut self) {
+        self.semaphore.core().give_back(self.count);
+    }
+}

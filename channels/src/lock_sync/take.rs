@@ -1,10 +1,9 @@
 //! Taking permits, as a future: the one operation behind locking, acquiring, and locking again
 //! after a wait at a condition.
 
-use super::chain;
 use super::core::{Core, Hold, LockState};
-use super::entry::Entry;
-use super::error::{AcquireError, AcquireTimeoutError};
+use super::entry::{Entry, follow};
+use super::guard::AcquireError;
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
 use crate::replay::{self, GiveUp, Logged, Stage};
@@ -34,6 +33,9 @@ pub(super) enum TakePhase {
     /// Its permits, if it had any, belong to the caller.
     Over,
 }
+
+/// What comes of a [`Take`] that gives up; nothing when its time has run out.
+pub(super) type InTime<'a> = Option<Result<Hold<'a>, AcquireError>>;
 
 /// Taking permits of a mutex or a semaphore. Its output says that the caller has them now.
 ///
@@ -93,7 +95,7 @@ impl<'a> Take<'a> {
     pub(super) fn has_succeeded(&self) -> bool {
         debug_assert_eq!(self.phase, TakePhase::Listed);
         // SAFETY: it was begun, and lies in this future.
-        unsafe { Entry::outcome(self.entry()) == Outcome::Done }
+        unsafe { Waiter::outcome(Entry::waiter(self.entry())) == Outcome::Done }
     }
 
     #[inline(never)]
@@ -203,7 +205,7 @@ impl<'a> Take<'a> {
             Poll::Pending
         });
         if polled.is_pending() {
-            chain::follow(changed);
+            follow(changed);
             core.waits();
         }
         polled
@@ -256,14 +258,14 @@ impl<'a> Take<'a> {
         let _former = unsafe {
             locked.waiting().remove(Entry::node(entry));
             let former = (*Entry::link(entry)).wait.wake_handle_mut().take();
-            Waiter::settle_stale(Entry::waiter(entry));
+            Waiter::set_outcome(Entry::waiter(entry), Outcome::Stale);
             former
         };
         let changed = locked.boost_holder();
         drop(locked);
         // Before what may run user code: the former handle's drop is the last step.
         self.end();
-        chain::follow(changed);
+        follow(changed);
         if !core.has_owner() {
             // Waiters behind it may want fewer permits.
             core.serve();
@@ -279,21 +281,6 @@ impl<'a> Take<'a> {
         if has_them {
             // The value was not touched.
             self.core().give_back(self.count);
-        }
-    }
-
-    /// Blocks this thread for at most `timeout`.
-    #[cfg(not(loom))]
-    #[track_caller]
-    pub(super) fn block_for(
-        self,
-        timeout: core::time::Duration,
-    ) -> Result<Hold<'a>, AcquireTimeoutError> {
-        let deadline = luna_platform::clock::Instant::now() + timeout;
-        let mut take = core::pin::pin!(self);
-        match luna_core::park::block_on_until(take.as_mut(), deadline) {
-            Some(taken) => taken.map_err(AcquireTimeoutError::from),
-            None => take.give_up(),
         }
     }
 }
@@ -413,29 +400,26 @@ impl<'a> Logged for Take<'a> {
 }
 
 impl<'a> GiveUp for Take<'a> {
-    type Outcome = Result<Hold<'a>, AcquireTimeoutError>;
+    type Outcome = InTime<'a>;
 
     /// It has not tried yet.
     fn lets_others_run(&self) -> bool {
         self.phase == TakePhase::GaveWay
     }
 
-    fn give_up(self: Pin<&mut Self>) -> Self::Outcome {
+    fn give_up(self: Pin<&mut Self>) -> InTime<'a> {
         let this = self.in_place();
         let has_them = this.withdraw();
         this.end();
-        match has_them {
-            // SAFETY: it was given its permits, and is over.
-            true => Ok(unsafe { this.hold() }),
-            false => Err(AcquireTimeoutError::Timeout),
-        }
+        // SAFETY: it was given its permits, and is over.
+        has_them.then(|| Ok(unsafe { this.hold() }))
     }
 
-    fn in_time(output: <Self as Future>::Output) -> Self::Outcome {
-        output.map_err(AcquireTimeoutError::from)
+    fn in_time(output: <Self as Future>::Output) -> InTime<'a> {
+        Some(output)
     }
 
-    fn failure_in_time(outcome: &Self::Outcome) -> Option<Event> {
-        matches!(outcome, Err(AcquireTimeoutError::Timeout)).then(replay::gave_up)
+    fn failure_in_time(outcome: &InTime<'a>) -> Option<Event> {
+        outcome.is_none().then(replay::gave_up)
     }
 }

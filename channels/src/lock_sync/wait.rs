@@ -3,10 +3,11 @@
 use super::condition::{Condvar, Notified};
 use super::core::Hold;
 use super::entry::{Cause, Entry};
-use super::error::{AcquireError, LockError};
 use super::guard::MutexGuard;
+use super::guard::{AcquireError, LockError};
 use super::mutex::Mutex;
 use super::take::{self, Take, TakePhase};
+use super::taking::Permits;
 use crate::finally::Finally;
 use crate::guarded_wait_point::Locked;
 use crate::in_place::InPlace;
@@ -68,7 +69,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let inheritor = take::caller(self.take.of_thread);
         let wake_handle = WakeHandle::of(cx);
         let entry = self.take.entry();
-        self.condition.note_user(current::user());
+        self.condition.wait_point().note_outsider(current::user());
         // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and
         // keeps the mutex by its handle.
         unsafe {
@@ -179,37 +180,6 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         });
         self.take.cancel();
     }
-
-    /// Polls until it holds the mutex again, or its branch has failed.
-    fn poll_without_log(&mut self, cx: &Context<'_>) -> Poll<Result<Hold<'a>, AcquireError>> {
-        let has_failed = current::branch_failed();
-        if let Some(guard) = self.guard.take() {
-            if has_failed {
-                guard.unlock();
-                self.take.end();
-                current::stay_in_branch();
-                return Poll::Ready(Err(AcquireError));
-            }
-            self.begin(guard, cx);
-            self.condition.wait_point().waits();
-            return Poll::Pending;
-        }
-        match self.take.phase {
-            TakePhase::Listed if self.take.has_succeeded() => {}
-            TakePhase::Listed if has_failed => {
-                self.cancel();
-                current::stay_in_branch();
-                return Poll::Ready(Err(AcquireError));
-            }
-            TakePhase::Listed => ready!(self.poll_listed(cx)),
-            TakePhase::Granted => {}
-            TakePhase::New | TakePhase::GaveWay | TakePhase::Over => {
-                panic!("a wait was polled after it was over")
-            }
-        }
-        // SAFETY: it has succeeded; it is over when this is returned.
-        Poll::Ready(Ok(unsafe { self.take.hold() }))
-    }
 }
 
 impl<'a, T> Future for WaitOp<'_, 'a, T> {
@@ -217,13 +187,9 @@ impl<'a, T> Future for WaitOp<'_, 'a, T> {
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let this = self.in_place();
-        let polled = match replay::is_on() {
-            true => replay::poll(this, cx),
-            false => this.poll_without_log(cx),
-        };
-        polled.map(|taken| {
+        replay::poll(this, cx).map(|taken| {
             this.take.end();
-            this.mutex.taken(taken)
+            this.mutex.taken(1, taken)
         })
     }
 }
@@ -341,7 +307,33 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
     }
 
     fn poll_unlogged(&mut self, cx: &mut Context<'_>) -> Poll<<Self as Logged>::Output> {
-        self.poll_without_log(cx)
+        let has_failed = current::branch_failed();
+        if let Some(guard) = self.guard.take() {
+            if has_failed {
+                guard.unlock();
+                self.take.end();
+                current::stay_in_branch();
+                return Poll::Ready(Err(AcquireError));
+            }
+            self.begin(guard, cx);
+            self.condition.wait_point().waits();
+            return Poll::Pending;
+        }
+        match self.take.phase {
+            TakePhase::Listed if self.take.has_succeeded() => {}
+            TakePhase::Listed if has_failed => {
+                self.cancel();
+                current::stay_in_branch();
+                return Poll::Ready(Err(AcquireError));
+            }
+            TakePhase::Listed => ready!(self.poll_listed(cx)),
+            TakePhase::Granted => {}
+            TakePhase::New | TakePhase::GaveWay | TakePhase::Over => {
+                panic!("a wait was polled after it was over")
+            }
+        }
+        // SAFETY: it has succeeded; it is over when this is returned.
+        Poll::Ready(Ok(unsafe { self.take.hold() }))
     }
 
     unsafe fn success(&self, _: Option<&<Self as Logged>::Output>, _: u64) -> Event {
@@ -359,5 +351,48 @@ impl<'a, T> Logged for WaitOp<'_, 'a, T> {
 
     fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
         Take::failure(output)
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use std::sync::{Arc, LazyLock};
+    use std::task::{Wake, Waker};
+
+    type Timed = Pin<Box<WaitOp<'static, 'static, ()>>>;
+
+    /// The wait whose time runs out when another one is woken.
+    static TIMED: std::sync::Mutex<Option<Timed>> = std::sync::Mutex::new(None);
+
+    struct RunsOut;
+
+    impl Wake for RunsOut {
+        fn wake(self: Arc<Self>) {
+            let mut timed = TIMED.lock().unwrap();
+            timed.as_mut().expect("it waits").as_mut().time_out();
+        }
+    }
+
+    #[test]
+    fn a_time_that_runs_out_within_notify_all_counts_as_notified() {
+        static SHARED: LazyLock<(Condvar, [Mutex<()>; 2])> =
+            LazyLock::new(|| (Condvar::new(), [Mutex::new(()), Mutex::new(())]));
+        let (condition, mutexes) = &*SHARED;
+        let [mut first, mut timed] = mutexes
+            .each_ref()
+            .map(|mutex| Box::pin(condition.wait(mutex.try_lock().unwrap())));
+        let runs_out = Waker::from(Arc::new(RunsOut));
+        let polled = first.as_mut().poll(&mut Context::from_waker(&runs_out));
+        assert!(polled.is_pending());
+        let noop = &mut Context::from_waker(Waker::noop());
+        assert!(timed.as_mut().poll(noop).is_pending());
+        *TIMED.lock().unwrap() = Some(timed);
+        // The first is moved to its mutex, and woken, before the other one is moved on.
+        condition.notify_all();
+        let mut timed = TIMED.lock().unwrap().take().unwrap();
+        assert!(timed.as_mut().poll(noop).is_ready());
+        assert!(!timed.timeout_result().timed_out());
+        assert!(first.as_mut().poll(noop).is_ready());
     }
 }

@@ -1,18 +1,20 @@
 //! In what a send and a receive differ.
 
-use super::{Node, Operation};
+use super::{Node, Operation, Phase};
 use crate::core::{Attempted, ChannelGuard};
-use crate::error::Ended;
-use crate::select_state::SelectState;
-use crate::wait_point::WaitQueues;
-use crate::waiter::Outcome;
-use core::ops::DerefMut;
+use crate::end::End;
+use crate::error::{Ended, RecvError, RecvTimeoutError, SendError, SendTimeoutError};
+use crate::extended::{Mode, Noted, Releasing};
+use crate::source::{InNode, Source};
+use crate::wait_point::Lists;
+use crate::waiter::{Begun, Make, Outcome, Waiter};
+use core::cell::UnsafeCell;
+use core::mem::{ManuallyDrop, MaybeUninit, needs_drop, take};
 use core::ptr::NonNull;
 use core::task::Context;
-use luna_core::wait_list::WaitNode;
 
-/// The direction of an [`Operation`]: [`Sending`](super::Sending) a value of some source, or
-/// [`Receiving`](super::Receiving) one in some mode. Sealed: its module is private.
+/// The direction of an [`Operation`]: [`Sending`](Sending) a value of some source, or
+/// [`Receiving`](Receiving) one in some mode. Sealed: its module is private.
 pub trait Direction<T>: Sized {
     /// What a successful operation returns.
     type Success<'a>
@@ -40,44 +42,51 @@ pub trait Direction<T>: Sized {
     const ANSWERED: bool = false;
     /// Whether an operation that is over has anything to drop.
     const DROPS: bool = true;
+    /// What makes a send's value when it is taken, if that does not lie in the node.
+    const MAKE: Option<Make<T>> = None;
+    /// How its node is begun to be listed.
+    const BEGUN: Begun = Begun::InFull;
+
     /// Whether it can ever happen. Asked while it is new.
     #[inline(always)]
     fn is_open(&self) -> bool {
         true
     }
 
-    /// Makes it happen at once, if possible. O(1).
+    /// It is about to wait, in the current process.
+    #[inline(always)]
+    fn waits(&mut self) {}
+
+    /// Makes it happen at once, if possible: here a send. O(1).
     ///
     /// # Safety
     ///
     /// `node` is a new operation's, of the locked channel. With `cx`, it stays where it is until it
     /// is settled or withdrawn.
-    unsafe fn attempt<L: DerefMut<Target = WaitQueues>>(
+    #[inline]
+    unsafe fn attempt<L: Lists>(
         node: NonNull<Node<T, Self>>,
         locked: &mut ChannelGuard<'_, T, L>,
         cx: Option<&Context<'_>>,
-    ) -> Attempted;
-
-    /// Prepares the node for being listed.
-    ///
-    /// # Safety
-    ///
-    /// It is a new operation's.
-    unsafe fn begin(
-        node: NonNull<Node<T, Self>>,
-        wait: WaitNode,
-        select_state: Option<(NonNull<SelectState>, u32)>,
-    );
-
-    /// Why an operation that has communicated, so, has failed all the same: only one that is
-    /// [answered](Self::ANSWERED) can.
-    #[inline(always)]
-    fn refused(_: &mut Operation<'_, T, Self>, _: Outcome) -> Option<Self::Failure> {
-        None
+    ) -> Attempted {
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
+        // future knows it, and by the operation's invariants it holds its value, or can make it. It
+        // begins with its waiter. With `cx` it stays.
+        unsafe { locked.send_now(node.cast(), Self::MAKE, cx) }
     }
 
-    /// Takes the result of an operation that has communicated, and was not refused.
+    /// Takes the result of an operation that has communicated and is not
+    /// [answered](Self::ANSWERED). Not a `Result`: that would cost each communication two
+    /// instructions.
     fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
+
+    /// Takes the result of any operation that has communicated, so.
+    fn communicated<'a>(
+        operation: &mut Operation<'a, T, Self>,
+        _: Outcome,
+    ) -> Result<Self::Success<'a>, Self::Failure> {
+        Ok(Self::succeeded(operation))
+    }
 
     /// Takes the failure of an operation that has failed.
     fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;
@@ -107,4 +116,250 @@ pub trait GivesUp<T>: Direction<T> {
 
     /// Takes the failure of an operation that gives up.
     fn timed_out(operation: &mut Operation<'_, T, Self>) -> Self::TimeoutFailure;
+}
+
+/// A send under way: see [`Sender::send`](crate::Sender::send). `S` is the source of its value.
+pub type SendOp<'a, T, S = InNode> = Operation<'a, T, Sending<S>>;
+
+/// The direction of a send, with the source of its value.
+#[derive(Debug)]
+pub struct Sending<S> {
+    pub(crate) source: S,
+}
+
+impl<T, S: Source<T>> Direction<T> for Sending<S> {
+    type Success<'a>
+        = ()
+    where
+        T: 'a;
+    type Failure = SendError<S::Unsent>;
+    type Seed<'a>
+        = SendOp<'a, T, S>
+    where
+        T: 'a;
+
+    const NAME: &'static str = "send";
+    const SEND: bool = true;
+    const PLAIN: bool = S::MAKE.is_none();
+    const PLAIN_WHEN_MET: bool = true;
+    const MAKE: Option<Make<T>> = S::MAKE;
+
+    #[inline(always)]
+    fn is_open(&self) -> bool {
+        self.source.is_open()
+    }
+
+    #[inline(always)]
+    fn succeeded<'a>(_: &mut SendOp<'a, T, S>) {}
+
+    fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
+        SendError {
+            // SAFETY: the send failed, so the value is still here, and no other thread knows the
+            // node any more.
+            value: unsafe { S::unsent(send.node()) },
+            poisoned,
+        }
+    }
+
+    /// It was sent before the receivers went, but never received.
+    fn closed_later<'a>() -> Option<Result<(), Self::Failure>>
+    where
+        T: 'a,
+    {
+        Some(Ok(()))
+    }
+
+    fn dropped(send: &mut SendOp<'_, T, S>, outcome: Outcome) {
+        if !matches!(outcome, Outcome::Done | Outcome::Held) {
+            // SAFETY: the value is still here, or the answer is, and no other thread knows the node
+            // any more.
+            drop(unsafe { S::unsent(send.node()) });
+        }
+    }
+
+    #[inline]
+    fn into_seed<'a>(send: SendOp<'a, T, S>) -> SendOp<'a, T, S> {
+        send
+    }
+
+    #[inline]
+    fn from_seed<'a>(seed: SendOp<'a, T, S>) -> SendOp<'a, T, S>
+    where
+        T: 'a,
+    {
+        seed
+    }
+}
+
+impl<T, S: Source<T>> GivesUp<T> for Sending<S> {
+    type TimeoutFailure = SendTimeoutError<S::Unsent>;
+
+    fn timed_out(send: &mut SendOp<'_, T, S>) -> Self::TimeoutFailure {
+        SendTimeoutError::Timeout(Self::failed(send, false).value)
+    }
+}
+
+impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
+    #[inline]
+    pub(crate) fn sending(end: &'a End<T>, waiter: Waiter<T>, source: S) -> Self {
+        Operation::of(end, waiter, Sending { source })
+    }
+}
+
+impl<'a, T> SendOp<'a, T> {
+    /// A send of `value`, which is written where it is to lie: to make the node first and move it
+    /// would be to copy also what is not written before it is listed.
+    #[inline(always)]
+    pub(crate) fn of_value(end: &'a End<T>, value: T) -> Self {
+        let mut send = MaybeUninit::<Self>::uninit();
+        let place = send.as_mut_ptr();
+        // SAFETY: the memory is this function's. Fields left unwritten may stay so: the node of a
+        // send that is not listed.
+        unsafe {
+            (&raw mut (*place).end).write(end);
+            let node = UnsafeCell::raw_get(&raw const (*place).node);
+            Waiter::write_value(&raw mut (*node).waiter, value);
+            (&raw mut (*place).phase).write(Phase::New);
+            send.assume_init()
+        }
+    }
+}
+
+/// A receive under way: see [`Receiver::recv`](crate::Receiver::recv). `M` determines whether the
+/// sender is held.
+pub type RecvOp<'a, T, M = Releasing> = Operation<'a, T, Receiving<M>>;
+
+/// The direction of a receive: the note of its mode.
+#[derive(Debug)]
+#[repr(transparent)]
+pub struct Receiving<M: Noted> {
+    pub(crate) note: M::Note,
+}
+
+impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
+    type Success<'a>
+        = M::Received<'a>
+    where
+        T: 'a;
+    type Failure = RecvError;
+    type Seed<'a>
+        = &'a End<T>
+    where
+        T: 'a;
+
+    const NAME: &'static str = "receive";
+    const SEND: bool = false;
+    const PLAIN: bool = !M::HOLDS && !M::INHERITS;
+    // The value that it may hold was taken, or never came.
+    const DROPS: bool = needs_drop::<M::Note>();
+    const BEGUN: Begun = match (M::HOLDS, M::INHERITS) {
+        (_, true) => Begun::Serving,
+        (true, false) => Begun::Holding,
+        (false, false) => Begun::InFull,
+    };
+
+    #[inline]
+    unsafe fn attempt<L: Lists>(
+        mut node: NonNull<Node<T, Self>>,
+        locked: &mut ChannelGuard<'_, T, L>,
+        _: Option<&Context<'_>>,
+    ) -> Attempted {
+        if M::INHERITS {
+            locked.note_server();
+        }
+        // SAFETY: the node is a new operation's, as is demanded here: it is in no queue, only its
+        // future knows it, and by the operation's invariants it holds no value.
+        let attempted = unsafe { locked.recv_now(node.cast(), M::HOLDS) };
+        match attempted {
+            Attempted::Holds(sender) => {
+                if M::INHERITS {
+                    // Under the lock and in this order: a server that is between the two would not
+                    // be as urgent as its client.
+                    // SAFETY: a new receive's node is known to its future alone.
+                    M::holds(unsafe { &mut node.as_mut().direction.note }, sender);
+                    locked.boost_while_they_wait();
+                }
+                Attempted::DONE
+            }
+            attempted => attempted,
+        }
+    }
+
+    #[inline(always)]
+    fn waits(&mut self) {
+        M::waits(&mut self.note);
+    }
+
+    #[inline(always)]
+    fn succeeded<'a>(receive: &mut RecvOp<'a, T, M>) -> M::Received<'a> {
+        let ticket = receive.ticket();
+        let note = take(&mut receive.node().direction.note);
+        // SAFETY: a done receive holds its value, and no other thread knows the node any more.
+        let value = unsafe { receive.take_value() };
+        M::received(receive.end, value, ticket, note)
+    }
+
+    fn failed(_: &mut RecvOp<'_, T, M>, poisoned: bool) -> RecvError {
+        match poisoned {
+            true => RecvError::Poisoned,
+            false => RecvError::Closed,
+        }
+    }
+
+    fn closed_later<'a>() -> Option<Result<M::Received<'a>, RecvError>>
+    where
+        T: 'a,
+    {
+        None
+    }
+
+    fn dropped(receive: &mut RecvOp<'_, T, M>, outcome: Outcome) {
+        if outcome == Outcome::Done {
+            let ticket = receive.ticket();
+            // SAFETY: the value is here, and no other thread knows the node any more.
+            let value = unsafe { receive.take_value() };
+            M::return_value(receive.end, value, ticket);
+        }
+    }
+
+    #[inline(always)]
+    fn into_seed<'a>(receive: RecvOp<'a, T, M>) -> &'a End<T> {
+        // A new one has nothing else, and nothing to drop.
+        ManuallyDrop::new(receive).end
+    }
+
+    #[inline(always)]
+    fn from_seed<'a>(seed: &'a End<T>) -> RecvOp<'a, T, M>
+    where
+        T: 'a,
+    {
+        RecvOp::receiving(seed)
+    }
+}
+
+impl<T, M: Mode<T>> GivesUp<T> for Receiving<M> {
+    type TimeoutFailure = RecvTimeoutError;
+
+    fn timed_out(_: &mut RecvOp<'_, T, M>) -> RecvTimeoutError {
+        RecvTimeoutError::Timeout
+    }
+}
+
+impl<'a, T, M: Mode<T>> RecvOp<'a, T, M> {
+    #[inline]
+    pub(crate) fn receiving(end: &'a End<T>) -> Self {
+        let note = M::Note::default();
+        Operation::of(end, Waiter::empty(), Receiving { note })
+    }
+
+    /// Number of the extended rendezvous of a receive that is done; 0 if no sender is held.
+    #[inline(always)]
+    fn ticket(&self) -> u32 {
+        match M::HOLDS {
+            // SAFETY: a done receive's node is known to its future alone. What completed the
+            // receive has written the field.
+            true => unsafe { (*Waiter::link(self.waiter())).ticket },
+            false => 0,
+        }
+    }
 }

@@ -67,7 +67,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         unsafe {
             let here = Here::now();
             let select_state = Some((select_state, guard));
-            D::begin(this.node_pointer(), (here, None).into_node(), select_state);
+            this.begin((here, None).into_node(), select_state);
             let mut locked = this.channel().guard_of(lists, here);
             locked.list(D::SEND, this.waiter());
         }

@@ -10,20 +10,16 @@
 mod direction;
 mod guard;
 mod logged;
-mod receiving;
-mod sending;
 mod slow_path;
-mod timed;
 
-pub use direction::{Direction, GivesUp};
-pub use receiving::{Receiving, RecvOp};
-pub use sending::{SendOp, Sending};
-pub use timed::{RecvTimeout, SendTimeout, Timed};
+pub use direction::{Direction, GivesUp, Receiving, RecvOp, SendOp, Sending};
+pub use logged::{RecvTimeout, SendTimeout, Timed};
 
 use crate::core::{Channel, FastPath};
 use crate::end::End;
 use crate::in_place::InPlace;
 use crate::replay;
+use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
 use core::cell::UnsafeCell;
 use core::fmt;
@@ -34,6 +30,7 @@ use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
 use luna_core::current::{PlainTurn, WakeHandle};
+use luna_core::wait_list::WaitNode;
 
 /// What an operation's future knows of it. Its partners know the [outcome](Outcome).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,6 +123,16 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         self.node_pointer().cast()
     }
 
+    /// Until `stop` has ended.
+    #[inline(always)]
+    pub(crate) fn until<S>(self, stop: S) -> Timed<'a, T, D, S>
+    where
+        D: GivesUp<T>,
+    {
+        let operation = self;
+        Timed { operation, stop }
+    }
+
     /// Not to be called while the node is listed: others change it then.
     #[inline]
     fn node(&mut self) -> &mut Node<T, D> {
@@ -142,7 +149,20 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     pub(crate) unsafe fn take_value(&mut self) -> T {
         // SAFETY: there is a value, which is taken once, and the node is not listed, as is demanded
         // here: so no other thread accesses it.
-        unsafe { self.node().waiter.take_value() }
+        unsafe { Waiter::take_value_of(self.waiter()) }
+    }
+
+    /// Prepares the node for being listed.
+    ///
+    /// # Safety
+    ///
+    /// It is new, and pinned; its drop withdraws it.
+    #[inline(always)]
+    unsafe fn begin(&mut self, wait: WaitNode, select_state: Option<(NonNull<SelectState>, u32)>) {
+        self.node().direction.waits();
+        // SAFETY: it is new, as is demanded here: so its node is in no list, and only this future
+        // knows it.
+        unsafe { Waiter::begin_as(self.waiter(), wait, D::BEGUN, select_state, D::MAKE) };
     }
 
     /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`].
@@ -163,11 +183,6 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         }
     }
 
-    /// Whether it is over but for letting others run.
-    pub(crate) fn lets_others_run(&self) -> bool {
-        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
-    }
-
     /// Whether it waits for a partner, or a partner that came later has settled it.
     fn is_listed(&self) -> bool {
         matches!(self.phase, Phase::Listed | Phase::Logged)
@@ -179,10 +194,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match outcome {
             Outcome::Done | Outcome::Held | Outcome::Answered => {
                 self.phase = Phase::Over;
-                match D::refused(self, outcome) {
-                    None => Ok(D::succeeded(self)),
-                    Some(failure) => Err(failure),
-                }
+                D::communicated(self, outcome)
             }
             Outcome::Broken => {
                 self.broken();

@@ -3,13 +3,10 @@
 
 use super::{Direction, GivesUp, Operation, Phase};
 use crate::core::{Attempted, ChannelGuard, Ending, FastPath, HandOff};
-use crate::in_place::InPlace;
 use crate::replay;
-use crate::wait_point::WaitQueues;
+use crate::wait_point::Lists;
 use crate::waiter::{Outcome, Waiter, Waits};
 use core::future::Future;
-use core::ops::DerefMut;
-use core::pin::Pin;
 use core::task::{Context, Poll};
 use luna_core::current::{self, Here, PlainTurn, Renewal, WakeHandle};
 use luna_core::spin;
@@ -20,30 +17,10 @@ type Polled<O> = Poll<<O as Future>::Output>;
 impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     #[inline(never)]
     pub(super) fn poll_slow_path(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
-        if replay::is_on() {
-            return replay::poll(self, cx);
-        }
-        self.poll_under_lock(cx)
+        replay::poll(self, cx)
     }
 
-    pub(super) fn poll_under_lock(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
-        match self.phase {
-            Phase::New => self.poll_new(cx),
-            Phase::Listed | Phase::Logged => self.poll_listed(cx),
-            Phase::GaveWay => Poll::Ready(self.settled(Outcome::Done)),
-            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
-                if current::branch_failed() {
-                    current::stay_in_branch();
-                }
-                Poll::Ready(self.settled(outcome))
-            }
-            Phase::Overwrote | Phase::Settled(_) | Phase::Over => {
-                panic!("a {} was polled after it was over", D::NAME)
-            }
-        }
-    }
-
-    fn poll_new(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
+    pub(super) fn poll_new(&mut self, cx: &mut Context<'_>) -> Polled<Self> {
         if current::branch_failed() {
             current::stay_in_branch();
             return self.fails(Outcome::Poisoned, cx);
@@ -110,7 +87,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     /// The protocol of an operation that is new, under the lock of its channel, however that is
     /// held: meets what waits, or waits itself.
     #[inline(always)]
-    fn go_on<L: DerefMut<Target = WaitQueues>>(
+    fn go_on<L: Lists>(
         &mut self,
         mut locked: ChannelGuard<'_, T, L>,
         plain: Option<PlainTurn<'_>>,
@@ -136,7 +113,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
                             };
                             has_wake_handle = wake_handle.is_some();
                             let wait = (here, wake_handle).into_node();
-                            D::begin(self.node_pointer(), wait, None);
+                            self.begin(wait, None);
                         }
                     }
                     locked.list(D::SEND, self.waiter());
@@ -175,7 +152,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 
     /// Releases the lock. Only a send can have something to report to registered alternatives.
     #[inline(always)]
-    fn release<L: DerefMut<Target = WaitQueues>>(locked: ChannelGuard<'_, T, L>) {
+    fn release<L: Lists>(locked: ChannelGuard<'_, T, L>) {
         match D::SEND {
             true => locked.release(),
             false => drop(locked),
@@ -254,7 +231,7 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         }
     }
 
-    fn poll_listed(&mut self, cx: &Context<'_>) -> Polled<Self> {
+    pub(super) fn poll_listed(&mut self, cx: &Context<'_>) -> Polled<Self> {
         let mut outcome = self.outcome();
         let _former;
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
@@ -293,27 +270,6 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
 }
 
 impl<'a, T, D: GivesUp<T>> Operation<'a, T, D> {
-    /// Withdraws: exact, since the outcome is looked at first.
-    pub(crate) fn give_up(self: Pin<&mut Self>) -> Result<D::Success<'a>, D::TimeoutFailure> {
-        let this = self.in_place();
-        let (outcome, _former) = match this.phase {
-            Phase::New => (Outcome::Waiting, None),
-            Phase::GaveWay => (Outcome::Done, None),
-            Phase::Settled(outcome) => (outcome, None),
-            Phase::Listed | Phase::Logged => this.unlist(),
-            Phase::Overwrote | Phase::Over => {
-                panic!("a {} was given up after it was over", D::NAME)
-            }
-        };
-        match outcome {
-            Outcome::Waiting => {
-                this.phase = Phase::Over;
-                Err(D::timed_out(this))
-            }
-            outcome => this.settled(outcome).map_err(D::TimeoutFailure::from),
-        }
-    }
-
     /// Attempts it once, and gives up if that does not succeed. O(1).
     pub(crate) fn at_once(&mut self) -> Result<D::Success<'a>, D::TimeoutFailure> {
         debug_assert!(self.phase == Phase::New);

@@ -13,13 +13,11 @@
 //! ```
 
 mod log;
-mod order;
 
 pub(crate) use log::{
-    abandon, call, differs, failure, is_held_after, is_on, is_replayed, look, meeting, now,
-    outside, own_stamp, settle, stamp,
+    LogState, Order, Stamped, abandon, call, differs, failure, is_held_after, is_on, is_replayed,
+    look, meeting, now, outside, own_stamp, settle, stamp,
 };
-pub(crate) use order::{LogState, Order, Stamped};
 
 use core::future::Future;
 use core::pin::Pin;
@@ -28,6 +26,8 @@ use log::{enter, is_held, leave};
 use luna_core::current;
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};
+#[cfg(not(loom))]
+use {core::time::Duration, luna_platform::clock::Instant};
 
 /// Where an operation is, as far as a replay log needs it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -118,6 +118,17 @@ pub(crate) trait GiveUp: Logged + Future {
     fn failure_in_time(outcome: &Self::Outcome) -> Option<Event>;
 }
 
+/// Blocks this thread until the operation is over, for at most `timeout`: then it gives up.
+#[cfg(not(loom))]
+#[track_caller]
+pub(crate) fn block_for<O: GiveUp>(operation: O, timeout: Duration) -> O::Outcome {
+    let mut operation = core::pin::pin!(operation);
+    match luna_core::park::block_on_until(operation.as_mut(), Instant::now() + timeout) {
+        Some(output) => O::in_time(output),
+        None => operation.give_up(),
+    }
+}
+
 /// The event of an operation that found its channel closed or poisoned.
 pub(crate) fn ended(is_poisoned: bool) -> Event {
     Event::failed(match is_poisoned {
@@ -131,10 +142,18 @@ pub(crate) fn gave_up() -> Event {
     Event::new(What::TimedOut, 0, 0)
 }
 
-/// Polls an operation as the replay log of its process says, and reports the outcome there.
+/// Polls an operation; in a process with a replay log as that says, and reports the outcome there.
+#[inline]
+pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O::Output> {
+    match is_on() {
+        true => poll_logged(operation, cx),
+        false => operation.poll_unlogged(cx),
+    }
+}
+
 #[cold]
 #[inline(never)]
-pub(crate) fn poll<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O::Output> {
+fn poll_logged<O: Logged>(operation: &mut O, cx: &mut Context<'_>) -> Poll<O::Output> {
     let before = operation.stage();
     match before {
         Stage::New => {

@@ -1,8 +1,8 @@
 //! What waits at a wait point, and what its lock guards.
 
 use super::Ending;
+use crate::core::Nodes;
 use crate::ended::Watcher;
-use crate::hand_off_slots::Nodes;
 use crate::replay::{LogState, Order};
 use crate::waiter::Waiter;
 use core::ptr::NonNull;
@@ -59,42 +59,36 @@ impl Waiting {
         }
     }
 
-    /// The operation with this node waits alone.
     #[inline(always)]
-    fn alone(node: NonNull<WaitNode>, is_sender: bool) -> Self {
+    fn tagged(node: NonNull<WaitNode>, tag: usize) -> Self {
         const { assert!(align_of::<WaitNode>() > Self::TAG) };
-        Self(
-            node.as_ptr()
-                .map_addr(|address| address | Self::tag(is_sender)),
-        )
+        Self(node.as_ptr().map_addr(|address| address | tag))
+    }
+
+    #[inline(always)]
+    fn node(self, tag: usize) -> Option<NonNull<WaitNode>> {
+        let node = self.0.map_addr(|word| word.wrapping_sub(tag));
+        // SAFETY: no special number is an operation's or a guard's tag, so what has all bits of the
+        // tag clear here is the address of a node, which is not null.
+        (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
     }
 
     /// The node of the operation of this side that waits alone.
     #[inline(always)]
     pub(crate) fn one(self, is_sender: bool) -> Option<NonNull<WaitNode>> {
-        let node = self
-            .0
-            .map_addr(|word| word.wrapping_sub(Self::tag(is_sender)));
-        // SAFETY: no special number is a tag alone, so what has all bits of the tag clear here is
-        // the address of a node.
-        (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
+        self.node(Self::tag(is_sender))
     }
 
     /// The guard with this node waits alone.
     #[inline(always)]
     pub(crate) fn alone_guard(node: NonNull<WaitNode>, is_sender: bool) -> Self {
-        let tag = Self::GUARD | Self::tag(is_sender);
-        Self(node.as_ptr().map_addr(|address| address | tag))
+        Self::tagged(node, Self::GUARD | Self::tag(is_sender))
     }
 
     /// The node of the guard of this side that waits alone.
     #[inline(always)]
     pub(crate) fn guard(self, is_sender: bool) -> Option<NonNull<WaitNode>> {
-        let tag = Self::GUARD | Self::tag(is_sender);
-        let node = self.0.map_addr(|word| word.wrapping_sub(tag));
-        // SAFETY: no special number is a guard's tag, so what has all bits of the tag clear here is
-        // the address of a node, which is not null.
-        (node.addr() & Self::TAG == 0).then(|| unsafe { NonNull::new_unchecked(node) })
+        self.node(Self::GUARD | Self::tag(is_sender))
     }
 
     /// Whether nothing waits, and nothing can be stored.
@@ -181,7 +175,7 @@ impl WaitQueues {
     /// The operation with this node waits alone from now on.
     #[inline(always)]
     pub(crate) fn set_alone(&mut self, node: NonNull<WaitNode>, is_sender: bool) {
-        self.waiting = Waiting::alone(node, is_sender);
+        self.waiting = Waiting::tagged(node, Waiting::tag(is_sender));
     }
 
     /// The operation that waited alone does so no more.
@@ -214,34 +208,32 @@ impl WaitQueues {
 
     #[inline(never)]
     fn use_queues(&mut self) {
+        let waiting = self.waiting;
         for is_sender in [true, false] {
-            if let Some(node) = self.waiting.one(is_sender) {
-                let list = match is_sender {
-                    true => &mut self.senders,
-                    false => &mut self.receivers,
-                };
-                // SAFETY: a node that waits alone is live, and guarded by the lock that is held. It
-                // was made so by `set_alone`, and while one waits so the lists are empty.
-                unsafe {
+            let queue = self.queue(is_sender);
+            // SAFETY: a node that waits alone is live and not settled while it is noted here, since
+            // the lock that is held guards it. It was made so by `set_alone`, or begun as a guard by
+            // the fast path. While one waits so the queues are empty.
+            unsafe {
+                if let Some(node) = waiting.one(is_sender) {
                     WaitNode::complete(node.as_ptr());
-                    list.insert_into_empty(node);
-                }
-            }
-            if let Some(node) = self.waiting.guard(is_sender) {
-                let list = match is_sender {
-                    true => &mut self.senders,
-                    false => &mut self.receivers,
-                };
-                // SAFETY: a guard that waits alone was begun so by the fast path, and is live and
-                // not settled while it is noted here, since the lock guards that. While one waits
-                // alone the queues are empty.
-                unsafe {
+                    queue.insert_into_empty(node);
+                } else if let Some(node) = waiting.guard(is_sender) {
                     Waiter::<()>::complete_guard(node.cast());
-                    list.insert_into_empty(node);
+                    queue.insert_into_empty(node);
                 }
             }
         }
         self.waiting = Waiting::QUEUES;
+    }
+
+    /// The queue of the operations of this side.
+    #[inline(always)]
+    pub(crate) fn queue(&mut self, is_sender: bool) -> &mut WaitList {
+        match is_sender {
+            true => &mut self.senders,
+            false => &mut self.receivers,
+        }
     }
 
     /// Whether it is plain and has no buffer, and no alternative is registered.
@@ -271,7 +263,7 @@ impl WaitQueues {
         }
     }
 
-    /// Whether plain sends and receives may meet on the [hand-off slots](crate::hand_off_slots):
+    /// Whether plain sends and receives may meet on the [hand-off slots](crate::core::HandOffSlots):
     /// the wait point has no other use, and no node is listed.
     #[inline]
     pub(crate) fn may_use_hand_off_slots(&self) -> bool {

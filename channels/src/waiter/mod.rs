@@ -1,9 +1,8 @@
 //! The node of a waiting operation, and its outcome.
 
-mod begin;
-mod settle;
+mod steps;
 
-pub(crate) use begin::Waits;
+pub(crate) use steps::Waits;
 
 use crate::select_state::SelectState;
 use crate::wait_point::{Ending, Mover};
@@ -47,7 +46,7 @@ pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
 
 /// How a node was begun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Begun {
+pub enum Begun {
     /// In full: all fields are written.
     InFull,
     /// In full, as a receiver's that holds its sender.
@@ -305,20 +304,7 @@ impl<T> Waiter<T> {
         unsafe { (*Self::link(node)).outcome.load(Ordering::Acquire) == Outcome::Waiting as u8 }
     }
 
-    /// Moves the value out.
-    ///
-    /// # Safety
-    ///
-    /// There is one, and no other thread accesses the node.
-    #[inline]
-    pub(crate) unsafe fn take_value(&self) -> T {
-        // SAFETY: by `# Safety` there is a value, and no other thread accesses the node. It is
-        // moved out: from here on there is none, so it is read once.
-        self.value
-            .with(|value| unsafe { (*value).assume_init_read() })
-    }
-
-    /// As [`take_value`](Self::take_value), of a node that others may look at.
+    /// Moves the value out of a node that others may look at.
     ///
     /// # Safety
     ///
@@ -335,7 +321,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// As [`put_value`](Self::put_value), of a node that others may look at.
+    /// Puts a value into a node that others may look at.
     ///
     /// # Safety
     ///
@@ -351,18 +337,6 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Puts a value in.
-    ///
-    /// # Safety
-    ///
-    /// There is none, and no other thread accesses the node.
-    #[inline]
-    pub(crate) unsafe fn put_value(&self, new: T) {
-        // SAFETY: by `# Safety` no other thread accesses the node, and there is no value that would
-        // be lost.
-        self.value.with_mut(|value| unsafe { (*value).write(new) });
-    }
-
     /// How it was begun.
     ///
     /// # Safety
@@ -374,42 +348,41 @@ impl<T> Waiter<T> {
         unsafe { (*Self::link(node)).begun }
     }
 
-    /// Takes or makes a listed sender's value. `None` if making it panicked.
+    /// Takes a sender's value, or has it made by `make`. `None` if making it panicked.
     ///
     /// # Safety
     ///
-    /// `node` is a sender's that was begun, holds its value or can make it, and no other thread
-    /// accesses it.
+    /// `node` is a sender's that holds its value, or `make` makes it, which is called once. No other
+    /// thread accesses it.
     #[inline]
-    pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
-        // SAFETY: no other thread changes the node. `make` was written if it was begun in full,
-        // as `begun` says. By the type's invariant a sender without `make` holds its value, and
-        // a `make` can be called once: the caller takes each sender once.
+    pub(crate) unsafe fn take_or_make(
+        node: NonNull<Waiter<T>>,
+        make: Option<Make<T>>,
+    ) -> Option<T> {
+        // SAFETY: no other thread accesses the node, and without `make` it holds its value, as is
+        // demanded here. A `make` can be called once: the caller takes each sender once.
         unsafe {
-            let make = match (*Self::link(node)).begun {
-                Begun::InFull => (*node.as_ptr()).seldom.make.assume_init(),
-                _ => None,
-            };
             match make {
-                None => Some(node.as_ref().take_value()),
+                None => Some(Self::take_value_of(node)),
                 Some(make) => make(node),
             }
         }
     }
 
-    /// Whether a sender's value is made when it is taken, so that its node has no place for one
-    /// that comes back.
+    /// What makes a sender's value when it is taken; its node has no place then for one that comes
+    /// back.
     ///
     /// # Safety
     ///
     /// `node` is a sender's that was begun, and no other thread accesses it.
-    pub(crate) unsafe fn makes(node: NonNull<Waiter<T>>) -> bool {
+    #[inline]
+    pub(crate) unsafe fn make(node: NonNull<Waiter<T>>) -> Option<Make<T>> {
         // SAFETY: no other thread changes the node, and it was begun: `make` was written if that
         // was in full, as `begun` says.
         unsafe {
             match (*Self::link(node)).begun {
-                Begun::InFull => (*node.as_ptr()).seldom.make.assume_init().is_some(),
-                _ => false,
+                Begun::InFull => (*node.as_ptr()).seldom.make.assume_init(),
+                _ => None,
             }
         }
     }

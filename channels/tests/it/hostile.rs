@@ -3,7 +3,6 @@
 
 #![cfg(not(loom))]
 
-use futures_lite::future::poll_once;
 use luna_channels::{
     Alternative, Barrier, Buffer, CallError, RecvError, Server, SyncOp, buffered, call_channel,
     channel,
@@ -12,7 +11,7 @@ use luna_core::block_on;
 use std::cell::RefCell;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::pin::{Pin, pin};
+use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::task::{Context, Poll, RawWaker, RawWakerVTable, Wake, Waker};
@@ -174,29 +173,6 @@ fn a_receive_that_is_forgotten_hides_no_channel_that_is_added() {
     assert_eq!(received, Poll::Ready((index, Ok(5))));
 }
 
-#[test]
-fn a_member_that_leaves_takes_the_groups_coming_back() {
-    block_on(async {
-        let barrier = Barrier::new(2);
-        let group = barrier.local(2);
-        let mut other = pin!(barrier.sync());
-        let mut leads = pin!(group.sync());
-        let mut leaves = Box::pin(group.sync());
-        assert!(poll_once(leaves.as_mut()).await.is_none());
-        assert!(poll_once(leads.as_mut()).await.is_none());
-        drop(leaves);
-        // The group is not complete any more, and neither is the barrier with the other party.
-        assert!(poll_once(other.as_mut()).await.is_none());
-        assert!(poll_once(leads.as_mut()).await.is_none());
-        // It is when one comes again.
-        let mut again = pin!(group.sync());
-        assert!(poll_once(again.as_mut()).await.is_some());
-        assert!(poll_once(leads.as_mut()).await.is_some());
-        assert!(poll_once(other.as_mut()).await.is_some());
-    })
-    .unwrap();
-}
-
 thread_local! {
     static LAST_MEMBER: RefCell<Option<Pin<Box<dyn Future<Output = ()>>>>> = const { RefCell::new(None) };
 }
@@ -283,41 +259,6 @@ fn a_member_that_is_dropped_in_the_barriers_wake_releases_no_second_round() {
         assert!(poll(&mut Box::pin(group.sync()), Waker::noop()).is_ready());
         assert!(poll(&mut next, Waker::noop()).is_ready());
         assert!(poll(&mut outsider, Waker::noop()).is_ready());
-    })
-    .unwrap();
-}
-
-/// When woken, drops a member of the group, and panics.
-struct DroppingAndPanicking;
-impl Wake for DroppingAndPanicking {
-    fn wake(self: Arc<Self>) {
-        drop(MEMBER.with_borrow_mut(Option::take));
-        panic!("a waker that panics");
-    }
-}
-
-#[test]
-fn a_panic_in_the_barriers_wake_keeps_no_member_of_the_group() {
-    block_on(async {
-        let barrier = Barrier::new(2);
-        let group: &'static Barrier = Box::leak(Box::new(barrier.local(3)));
-        let mut outsider = Box::pin(barrier.sync());
-        let waker = Waker::from(Arc::new(DroppingAndPanicking));
-        assert!(poll(&mut outsider, &waker).is_pending());
-        let mut one = Box::pin(group.sync());
-        assert!(poll(&mut one, Waker::noop()).is_pending());
-        MEMBER.set(Some((group, one)));
-        let count = Arc::new(Count::default());
-        let mut two = Box::pin(group.sync());
-        assert!(poll(&mut two, &Waker::from(count.clone())).is_pending());
-        let mut three = Box::pin(group.sync());
-        assert!(panics(|| {
-            let _ = poll(&mut three, Waker::noop());
-        }));
-        assert_eq!(count.0.load(Ordering::SeqCst), 1);
-        assert!(poll(&mut two, Waker::noop()).is_ready());
-        let mut next = Box::pin(group.sync());
-        assert!(poll(&mut next, Waker::noop()).is_pending());
     })
     .unwrap();
 }

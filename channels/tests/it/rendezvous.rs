@@ -9,20 +9,6 @@ use luna_channels::{RecvError, TryRecvError, TrySendError, channel};
 use std::task::Poll;
 
 #[test]
-fn smoke() {
-    let _watchdog = Watchdog::new();
-    let (sender, receiver) = channel();
-    assert_eq!(
-        block_on(zip(sender.send(5), receiver.recv())),
-        (Ok(()), Ok(5))
-    );
-    assert_eq!(
-        block_on(zip(receiver.recv(), sender.send(6))),
-        (Ok(6), Ok(()))
-    );
-}
-
-#[test]
 fn a_send_completes_only_after_its_value_was_taken() {
     let (sender, receiver) = channel();
     let (wakes, waker) = Wakes::new();

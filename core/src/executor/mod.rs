@@ -87,13 +87,14 @@ impl ExecutorHandle {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
+        make_room();
         let (announced, handle) = self.announce(spec, build);
         drop(announced.start());
         handle
     }
 
     /// A process that counts as living and is not built yet, and its handle. Allocates; runs no
-    /// user code.
+    /// user code. What spawns processes without end calls [`make_room`] before.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -115,10 +116,18 @@ impl ExecutorHandle {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output: ExitValue> + 'static,
     {
-        // Processes that come and go without end do not fill the memory.
-        deferred_free::collect();
         let (process, handle) = Unbuilt::new(self.shared.clone(), spec, build);
         (Announced { process }, ProcessHandle(handle))
+    }
+}
+
+/// Frees what processes have left, before another one is made, so that those which come and go
+/// without end do not fill the memory. It drops values of users, so under no lock that they might
+/// take. It does nothing while a body is dropped that has not come to its end: what is dropped then
+/// counts as left by that process. Not for the real-time path: O(what was left).
+pub fn make_room() {
+    if !current::is_abandoned() && !current::dropped_ends_poison() {
+        deferred_free::collect();
     }
 }
 

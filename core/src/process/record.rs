@@ -4,25 +4,35 @@
 use super::end::Shown;
 use super::handle::ProcessSpec;
 use super::monitor::Timing;
+use super::references::References;
 use super::{Kind, Methods, Name, Notice, Process, ProcessId, state};
 use crate::biased_lock::BiasedLock;
 use crate::current;
 use crate::deferred_free::{self, Retired};
 use crate::executor::Shared;
 use crate::remote_wakes::WakeSlot;
+use alloc::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 use alloc::boxed::Box;
 use alloc::sync::Arc;
+use core::cell::UnsafeCell;
 use core::mem::offset_of;
 use core::ops::Deref;
 use core::ptr::{self, NonNull};
 use core::task::Waker;
-use luna_platform::sync::OnceLock;
+use luna_platform::on_drop::OnDrop;
 use luna_platform::sync::plain::{AtomicPtr, Ordering};
 
 /// What others see of a process.
+///
+/// # Invariants
+///
+/// The executor's thread writes `slot`, once, under the lock `shown`, as the process is built. It is
+/// read on that thread, or by code that has a waker or has seen under the lock that it is there.
 pub(super) struct Record {
     /// Frees the memory that the process lies in.
     pub(super) retired: Retired,
+    /// How far the process lies behind the beginning of that memory, in bytes.
+    shift: u32,
     /// The next of the list of processes that have ended.
     pub(super) next: AtomicPtr<Process>,
     pub(super) name: Name,
@@ -30,8 +40,8 @@ pub(super) struct Record {
     pub(super) timing: Option<Box<Timing>>,
     /// The executor that runs it; none of one that is alone, and of what is left of one.
     pub(super) executor: Option<Arc<Shared>>,
-    /// Where it is woken from other threads. Set under the lock `shown`, when it is built.
-    pub(super) slot: OnceLock<WakeSlot>,
+    /// Where it is woken from other threads.
+    slot: UnsafeCell<Option<WakeSlot>>,
     /// Its end is [listed](ProcessSpec::listed).
     pub(super) is_listed: bool,
     /// See [`ProcessSpec::unhurried`].
@@ -41,15 +51,16 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// That of a process in a box, which nobody sees but by its name.
+    /// That of a process which nobody sees but by its name.
     pub(super) fn named(name: Name) -> Self {
         Self {
-            retired: Retired::new(free::<Process>),
+            retired: Retired::new(|_| {}),
+            shift: 0,
             next: AtomicPtr::new(ptr::null_mut()),
             name,
             timing: None,
             executor: None,
-            slot: OnceLock::new(),
+            slot: UnsafeCell::new(None),
             is_listed: false,
             is_unhurried: false,
             shown: BiasedLock::new(Shown::new()),
@@ -57,17 +68,34 @@ impl Record {
     }
 }
 
-/// Frees a process, which is the first part of a boxed `W`.
+/// The memory of a `W` at any address of the alignment that allocators give by themselves: for a
+/// greater one they take several times as long.
+const fn layout<W>() -> Layout {
+    const COMMON: usize = 2 * size_of::<usize>();
+    const { assert!(Process::ALIGN >= COMMON) };
+    let size = size_of::<W>() + align_of::<W>() - COMMON;
+    match Layout::from_size_align(size, COMMON) {
+        Ok(layout) => layout,
+        Err(_) => panic!("no process is as large as the address space"),
+    }
+}
+
+/// Frees a process that was [placed](Process::placed).
 ///
 /// # Safety
 ///
-/// `head` is the field of a process at the beginning of a boxed `W`, and is a pointer to all of
-/// that. No reference to the process remains.
-pub(super) unsafe fn free<W>(head: NonNull<Retired>) {
-    // SAFETY: the caller promises that this alone has the process, by a pointer to all of the box.
+/// `head` is the field of a process at the beginning of a placed `W`, and is a pointer to all of
+/// its memory. No reference to the process remains.
+unsafe fn free<W>(head: NonNull<Retired>) {
+    // SAFETY: the caller promises that this alone has the process, by a pointer to all of its
+    // memory. `placed` has allocated that, and stated how far the process lies behind its start.
     unsafe {
         let process = head.byte_sub(offset_of!(Process, record.retired));
-        drop(Box::from_raw(process.cast::<W>().as_ptr()));
+        let shift = process.cast::<Process>().as_ref().record.shift as usize;
+        let _memory = OnDrop::new(|| {
+            dealloc(process.byte_sub(shift).cast().as_ptr(), layout::<W>());
+        });
+        process.cast::<W>().drop_in_place();
     }
 }
 
@@ -90,15 +118,10 @@ static WITHOUT_BODY: Methods = Methods::without_body(|_, _| {}, retire);
 
 impl Process {
     /// A process of an executor, with one reference.
-    pub(super) fn of_executor(
-        spec: ProcessSpec,
-        executor: Arc<Shared>,
-        free: unsafe fn(NonNull<Retired>),
-    ) -> Self {
+    pub(super) fn of_executor(spec: ProcessSpec, executor: Arc<Shared>) -> Self {
         let (executor_id, priority) = (executor.executor_id, executor.thread_priority());
         let is_here = current::executor_id() == Some(executor_id);
         let record = Record {
-            retired: Retired::new(free),
             timing: spec.timing,
             executor: Some(executor),
             is_listed: spec.is_listed,
@@ -109,21 +132,45 @@ impl Process {
             },
             ..Record::named(spec.name)
         };
-        let process = Self::with_record(spec.id, executor_id, priority, spec.level, record);
-        process.references.add_elsewhere();
+        let mut process = Self::with_record(spec.id, executor_id, priority, spec.level, record);
+        process.references = References::with_one();
         process
     }
 
-    /// Puts it into memory of its own.
-    fn boxed(self, kind: Kind) -> NonNull<Process> {
-        let process = NonNull::from(Box::leak(Box::new(self)));
-        // SAFETY: no other code knows it. Its record is that of a box, and what has its only
-        // reference ends it once, or it has ended.
+    /// Puts it into memory of its own, as the first part of a `W`, the rest of which is not written
+    /// yet. Its record then frees that.
+    ///
+    /// # Safety
+    ///
+    /// A `W` begins with a process.
+    #[inline(always)]
+    pub(super) unsafe fn placed<W>(mut self) -> NonNull<W> {
+        // SAFETY: it has the size of a process at least.
+        let Some(start) = NonNull::new(unsafe { alloc(layout::<W>()) }) else {
+            handle_alloc_error(layout::<W>());
+        };
+        let shift = start.align_offset(align_of::<W>());
+        self.record.retired = Retired::new(free::<W>);
+        self.record.shift = shift as u32;
+        // SAFETY: behind the shift, which is less than the alignment, there is room for a `W`, that
+        // by the caller's promise begins with a process.
         unsafe {
+            let whole = start.add(shift).cast::<W>();
+            whole.cast::<Process>().write(self);
+            whole
+        }
+    }
+
+    /// Puts it into memory of its own.
+    fn alone(self, kind: Kind) -> NonNull<Process> {
+        // SAFETY: a process begins with itself. No other code knows it. What has its only reference
+        // ends it once, or it has ended.
+        unsafe {
+            let process = self.placed::<Process>();
             Process::set_methods(process, &WITHOUT_BODY);
             process.as_ref().kind.set(kind);
+            process
         }
-        process
     }
 
     /// What is known of it once it has ended, in memory without the room of its body; `None` if
@@ -139,10 +186,10 @@ impl Process {
             return None;
         }
         let record = Record::named(self.record.name.clone());
-        let rest = Self::with_record(self.id, self.executor_id, 0, self.own_level, record);
+        let mut rest = Self::with_record(self.id, self.executor_id, 0, self.own_level, record);
         rest.polls.store(self.polls(), Ordering::Relaxed);
-        rest.references.add_elsewhere();
-        let rest = rest.boxed(Kind::Alone);
+        rest.references = References::with_one();
+        let rest = rest.alone(Kind::Alone);
         // SAFETY: it was never built, and this is the only call. The reference keeps it.
         unsafe {
             rest.as_ref().set_ended(how);
@@ -151,13 +198,39 @@ impl Process {
         Some(ProcessRef(rest))
     }
 
+    /// Where it is woken from other threads, once it is built.
+    ///
+    /// # Safety
+    ///
+    /// This is its executor's thread, or the caller holds the lock `shown`, or knows from there or
+    /// from a poll that it is built.
+    #[inline]
+    pub(super) unsafe fn slot(&self) -> Option<&WakeSlot> {
+        // SAFETY: by the caller's promise it is not being written, and by the record's invariant it
+        // does not change once it is there.
+        unsafe { (*self.record.slot.get()).as_ref() }
+    }
+
+    /// Sets where it is woken from other threads.
+    ///
+    /// # Safety
+    ///
+    /// This is its executor's thread, which has just built it, and the only call.
+    pub(super) unsafe fn set_slot(&self, slot: WakeSlot) {
+        let _shown = self.record.shown.lock();
+        // SAFETY: other threads read it under the lock alone until it is there, and the caller
+        // promises that this thread has no borrow of it.
+        unsafe { *self.record.slot.get() = Some(slot) };
+    }
+
     /// Requests its end, from any thread.
     pub(crate) fn cancel(&self) {
         self.notify(Notice::CANCELLED);
         let is_built = {
             // In one order with the thread that builds it: that finds the notice, or is found here.
             let _shown = self.record.shown.lock();
-            self.record.slot.get().is_some()
+            // SAFETY: it is written under this lock.
+            unsafe { self.slot() }.is_some()
         };
         if is_built && !self.has_ended() {
             self.wake();
@@ -237,7 +310,7 @@ impl Alone {
     /// If this thread has entered no executor.
     pub fn new(id: ProcessId, thread_priority: u8, level: u8, waker: Waker) -> Self {
         let executor_id = current::executor_id().expect("this thread is an executor's");
-        let process = Process::new(id, executor_id, thread_priority, level).boxed(Kind::Alone);
+        let process = Process::new(id, executor_id, thread_priority, level).alone(Kind::Alone);
         // SAFETY: no other code knows the process yet. The waker is kept here as long as it is
         // polled.
         unsafe { process.as_ref().set_waker(ptr::read(&waker)) };

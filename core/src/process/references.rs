@@ -33,6 +33,15 @@ impl References {
         }
     }
 
+    /// With one that was made outside of the executor's thread.
+    #[cfg(not(loom))]
+    pub(crate) fn with_one() -> Self {
+        Self {
+            here: Cell::new(0),
+            elsewhere: AtomicI64::new(1),
+        }
+    }
+
     /// Counts one more. On the executor's thread, before the end.
     #[inline]
     pub(crate) fn add_here(&self) {

@@ -130,7 +130,8 @@ impl ProcessRegistry {
     }
 
     /// As [`take_ended`](Self::take_ended), for the last time: processes that end later are not
-    /// listed.
+    /// listed. To be called at the end by what has listed processes: those that were listed and not
+    /// taken keep this registry, by their executor, and are never freed.
     pub fn close_ended(&self, each: impl FnMut(ProcessHandle)) {
         let newest = self.ended.swap(CLOSED, Ordering::Acquire);
         if newest != CLOSED {
@@ -259,28 +260,26 @@ impl ProcessRegistry {
     }
 }
 
-impl Drop for ProcessRegistry {
-    fn drop(&mut self) {
-        self.close_ended(|_| ());
-    }
-}
-
 /// Passes the processes of a chain on, the oldest first.
 ///
 /// # Safety
 ///
 /// It was taken out of the list of a registry, by the caller alone.
 unsafe fn pass_on(newest: *mut Process, mut each: impl FnMut(ProcessHandle)) {
-    let mut processes = Vec::new();
-    let mut next = NonNull::new(newest);
+    // By the registry's invariant each pointer was that of a reference, owned by its place in the
+    // chain, which the caller has taken out. A panic in `each` leaks the rest.
+    let (mut next, mut oldest) = (NonNull::new(newest), ptr::null_mut());
     while let Some(process) = next {
-        // By the registry's invariant this was the pointer of a reference, owned by the place that
-        // the caller has taken out.
+        // SAFETY: as above, so it is live.
+        let link = &unsafe { process.as_ref() }.record.next;
+        next = NonNull::new(link.load(Ordering::Relaxed));
+        link.store(oldest, Ordering::Relaxed);
+        oldest = process.as_ptr();
+    }
+    let mut next = NonNull::new(oldest);
+    while let Some(process) = next {
         let process = ProcessRef(process);
         next = NonNull::new(process.record.next.load(Ordering::Relaxed));
-        processes.push(process);
-    }
-    for process in processes.into_iter().rev() {
         each(ProcessHandle(process));
     }
 }

@@ -68,10 +68,11 @@ pub(crate) fn queue_woken(shared: &Shared, level: u8) {
 ///
 /// The process is referred to, and has a slot.
 pub(super) unsafe fn ready_elsewhere(process: NonNull<Process>, level: u8) {
-    // SAFETY: the caller promises that the process is referred to, so it is live.
-    let process = unsafe { process.as_ref() };
+    // SAFETY: the caller promises that the process is referred to, so it is live, and that it has a
+    // slot.
+    let (process, slot) = unsafe { (process.as_ref(), process.as_ref().slot()) };
     events::ready(|| process.id.get());
-    if let (Some(executor), Some(slot)) = (&process.record.executor, process.record.slot.get()) {
+    if let (Some(executor), Some(slot)) = (&process.record.executor, slot) {
         executor.inbound.wake(slot, level);
     }
 }
@@ -91,11 +92,8 @@ pub(super) unsafe fn start(process: NonNull<Process>) {
         unsafe { this.set_traced() };
     }
     let slot = with_processes(|own| own.0.enter(process));
-    {
-        let _shown = this.record.shown.lock();
-        // It is built once.
-        let _ = this.record.slot.set(slot);
-    }
+    // SAFETY: as above; it is built once.
+    unsafe { this.set_slot(slot) };
     let name = || (*this.record.name).to_owned();
     events::name_process(this.id.get(), this.own_level, name);
     // SAFETY: this is its executor's thread. It is taken out of the queue before it goes.
@@ -287,7 +285,7 @@ unsafe fn leave(process: NonNull<Process>) {
         let this = process.as_ref();
         debug_assert!(this.has_ended());
         current::unqueue(this);
-        if let Some(slot) = this.record.slot.get() {
+        if let Some(slot) = this.slot() {
             with_processes(|own| own.0.leave(slot.number()));
         }
         this.report();

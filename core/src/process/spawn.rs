@@ -3,13 +3,12 @@
 use super::body::{self, Body, Whole};
 use super::end::ExitValue;
 use super::handle::ProcessSpec;
-use super::record::{free, retire};
+use super::record::retire;
 use super::{Methods, Notice, OfBody, Process, ProcessRef, run, state, waker};
 use crate::current;
 use crate::events;
 use crate::executor::Shared;
 use crate::path;
-use alloc::boxed::Box;
 use alloc::sync::Arc;
 use core::cell::UnsafeCell;
 use core::future::Future;
@@ -52,16 +51,14 @@ impl Unbuilt {
         events::report(events::code::SPAWNED, spec.id.get(), || {
             [events::current_process(), 0]
         });
-        let mut room = Box::<Whole<F, B>>::new_uninit();
-        let whole = room.as_mut_ptr();
-        // The builder is written in place, since it may be large. SAFETY: there is room for both
-        // parts. No other code knows the process, which lies there until `retire` has it freed.
+        // The builder is written in place, since it may be large. SAFETY: a whole begins with the
+        // process, and has room for both parts. No other code knows the process, which lies there
+        // until `retire` has it freed.
         unsafe {
-            let process = Process::of_executor(spec, executor, free::<Whole<F, B>>);
-            (&raw mut (*whole).process).write(process);
+            let whole = Process::of_executor(spec, executor).placed::<Whole<F, B>>();
             let body = UnsafeCell::new(Body::Unbuilt(builder));
-            (&raw mut (*whole).body).write(body);
-            let process = NonNull::from(Box::leak(room)).cast::<Process>();
+            (&raw mut (*whole.as_ptr()).body).write(body);
+            let process = whole.cast::<Process>();
             Process::set_methods(process, methods);
             process.as_ref().set_waker(waker::of_itself(process));
             if process.as_ref().record.timing.is_some() {

@@ -148,7 +148,11 @@ impl Process {
     pub(crate) unsafe fn ready_more(&self, level: u8, place: QueueEnd) -> bool {
         let queued = self.link.level.get();
         let now = self.state.load(Ordering::Relaxed);
-        if now & (state::QUEUED | state::YIELDED | state::ENDED) == 0 {
+        if now & state::ENDED != 0 {
+            // Its link may have left the queue already, though it still counts as queued.
+            return false;
+        }
+        if now & (state::QUEUED | state::YIELDED) == 0 {
             events::ready(|| self.id.get());
             // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
             unsafe { self.queue_at(now, level, place) };
@@ -156,8 +160,9 @@ impl Process {
             // A more urgent branch of it has become ready: the process is queued at the level of
             // the most urgent one.
             let link = self.link();
-            // SAFETY: the caller promises that this is the executor's thread; by the invariant the
-            // link is in its queue.
+            // SAFETY: the caller promises that this is the executor's thread. The process is queued
+            // and has not ended: only the end takes a link off without clearing that, so the link
+            // is in this thread's queue.
             with_queue(|queue| unsafe {
                 queue.remove(link);
                 match place {
@@ -166,7 +171,7 @@ impl Process {
                 }
             });
         }
-        now & state::ENDED == 0
+        true
     }
 
     /// Begins its turn. On the executor's thread.

@@ -26,4 +26,5 @@ mod stopping;
 mod timers;
 mod wakers_outlive_the_executor;
 mod wakes_from_elsewhere;
+mod wakes_of_the_ended;
 mod ways_to_wake;

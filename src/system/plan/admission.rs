@@ -5,8 +5,8 @@ use super::{Members, Names, Phase, Placement, Plan, ProcessPlan, duplicate};
 use crate::csp::process::clean_up;
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
-use luna_core::ProcessHandle;
 use luna_core::current::ProcessId;
+use luna_core::{ProcessHandle, make_room};
 use std::sync::MutexGuard;
 
 /// The names of a process that is about to be added. Dropping it gives them back.
@@ -44,6 +44,7 @@ impl Plan {
     /// the user's, and those that have ended meanwhile.
     pub(crate) fn add_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
+        make_room();
         self.add_admitted(self.admit(&plan)?, plan)?;
         Ok(id)
     }
@@ -51,12 +52,14 @@ impl Plan {
     /// As [`add_process`](Self::add_process), for one with a [reserved](Self::reserve) name.
     pub(crate) fn add_reserved(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
+        make_room();
         self.add_admitted(self.members(), plan)?;
         Ok(id)
     }
 
     /// As [`add_process`](Self::add_process), to a system that runs.
     pub(crate) fn start_process(&self, plan: ProcessPlan) -> Result<ProcessHandle> {
+        make_room();
         let mut members = self.admit(&plan)?;
         if members.running.is_none() {
             members.give_back(&plan.names());
@@ -81,12 +84,12 @@ impl Plan {
             drop(members);
             return Err(self.ended(plan.name()));
         }
-        let Some(running) = members.running.clone() else {
+        if members.running.is_none() {
             members.waiting.push(plan);
             return Ok(None);
-        };
+        }
         let names = plan.names();
-        self.start_late(members, &running, plan)
+        self.start_late(members, plan)
             .map(Some)
             .inspect_err(|_| self.members().give_back(&names))
     }
@@ -101,7 +104,8 @@ impl Plan {
             return Err(self.ended(name));
         }
         if let Some(running) = &members.running {
-            members.started.note_ends(&running.common);
+            // A spawn may free memory, and need not put it aside.
+            luna_core::path::off_path(|| members.started.note_ends(&running.common));
         }
         if !plan.shares_name && !members.started.take_name(plan.spec.name()) {
             // The process that had it may have ended, and others may know that, though its executor
@@ -138,11 +142,16 @@ impl Plan {
     fn start_late<'a>(
         &'a self,
         mut members: MutexGuard<'a, Members>,
-        running: &Running,
         mut plan: ProcessPlan,
     ) -> Result<ProcessHandle> {
-        let id = plan.id();
         let has_phases = plan.prepared.resident.is_some();
+        let is_apart = has_phases || matches!(plan.place, Placement::Thread(_));
+        // For what is done without the lock.
+        let running = match &members.running {
+            Some(running) if is_apart => running.clone(),
+            _ => return self.start_on_executor(members, plan),
+        };
+        let id = plan.id();
         let _clock = has_phases.then(|| running.common.clock.enter());
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
@@ -150,24 +159,18 @@ impl Plan {
             prepared.map_err(|error| error.in_process(plan.name()))?;
             members = self.members();
         }
-        if members.phase == Phase::Ended {
-            drop(members);
-            let ended = self.ended(plan.name());
-            clean_up(plan.prepared.resident);
-            return Err(ended);
+        if members.phase == Phase::Ended || matches!(plan.place, Placement::Executor(_)) {
+            return self.start_on_executor(members, plan);
         }
-        let on_thread = matches!(plan.place, Placement::Thread(_));
-        neighbours::join(&mut plan.place, running, &members.places, &members.threads);
-        // For an executor the lock is kept from the look at the phase until it is entered: the end
-        // cannot come in between. No user code runs there.
-        let held = (!on_thread).then_some(members);
+        neighbours::join(&mut plan.place, &running, &members.places, &members.threads);
+        drop(members);
         let started = running.start(plan);
-        let mut members = held.unwrap_or_else(|| self.members());
+        let mut members = self.members();
         let (mut member, started) = match started {
             Ok(both) => both,
             Err(refused) => {
                 drop(members);
-                self.never_entered(running, id);
+                self.never_entered(&running, id);
                 clean_up(refused.resident);
                 return Err(refused.error);
             }
@@ -177,7 +180,7 @@ impl Plan {
             drop(members);
             // Its body ends before it began.
             drop(started);
-            self.never_entered(running, id);
+            self.never_entered(&running, id);
             clean_up(member.resident.take());
             return Err(self.ended(member.name()));
         }
@@ -185,13 +188,34 @@ impl Plan {
         member.is_late = true;
         let emergency = &running.common.emergency;
         members.started.enter(id, member, emergency);
-        match started {
-            Started::OnExecutor(announced) => drop(announced.start_under(members)),
-            Started::OnThread(thread) => {
-                thread.1.release();
-                members.threads.push(thread);
-            }
+        if let Started::OnThread(thread) = started {
+            thread.1.release();
+            members.threads.push(thread);
         }
+        Ok(handle)
+    }
+
+    /// Starts a process on an executor beside those that run. The lock is kept from the look at the
+    /// phase until the process is entered: the end cannot come in between. No user code runs there.
+    fn start_on_executor(
+        &self,
+        mut guard: MutexGuard<'_, Members>,
+        plan: ProcessPlan,
+    ) -> Result<ProcessHandle> {
+        let members = &mut *guard;
+        let (Some(running), &Placement::Executor(number)) = (&members.running, &plan.place) else {
+            drop(guard);
+            let ended = self.ended(plan.name());
+            clean_up(plan.prepared.resident);
+            return Err(ended);
+        };
+        let id = plan.id();
+        let (mut member, announced) = running.announce(number, plan);
+        let handle = member.handle.clone();
+        member.is_late = true;
+        let emergency = &running.common.emergency;
+        members.started.enter(id, member, emergency);
+        drop(announced.start_under(guard));
         Ok(handle)
     }
 }

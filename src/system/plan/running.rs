@@ -57,50 +57,54 @@ impl Running {
     /// Starts a prepared process: on a thread, which is held; on an executor once it is handed
     /// over. No user code runs there.
     pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Started), NotStarted> {
-        let common = &self.common;
-        let Prepared { resident, start } = plan.prepared;
-        let ledger = plan.ledger;
-        if let Some(ledger) = &ledger {
-            ledger.join(&common.emergency, &common.registry);
-        }
-        let mut spec = common.replay_logs.give_log(plan.spec.listed());
-        let (handle, on, started) = match plan.place {
+        let attributes = match plan.place {
+            Placement::Thread(attributes) => (*attributes).mode(self.mode),
             Placement::Executor(number) => {
-                if resident.is_none() && ledger.is_none() {
-                    spec = spec.unhurried();
-                }
-                let executor = &self.executors[number];
-                let (announced, handle) = start.announce(executor, spec, common.clone());
-                (handle, On::Executor(number), Started::OnExecutor(announced))
-            }
-            Placement::Thread(attributes) => {
-                let name = spec.name().to_string();
-                let thread_name = attributes.name().to_owned();
-                let attributes = (*attributes).mode(self.mode);
-                let announce = |executor: &_| start.announce(executor, spec, common.clone());
-                let started = match &self.simulation {
-                    None => OsThread::start_counted(attributes, common.registry.clone(), announce),
-                    Some(simulation) => {
-                        Ok(OsThread::start_simulated(simulation, &attributes, announce))
-                    }
-                };
-                let thread = match started {
-                    Ok(thread) => thread,
-                    Err(error) => {
-                        let error = Error::not_started(&name, error);
-                        return Err(NotStarted { error, resident });
-                    }
-                };
-                let part =
-                    ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
-                let handle = thread.process().clone();
-                let started = Started::OnThread((thread_name, thread));
-                (handle, On::Thread(Box::new(part)), started)
+                let (member, announced) = self.announce(number, plan);
+                return Ok((member, Started::OnExecutor(announced)));
             }
         };
-        let mut member = Member::new(handle, on, ledger, resident);
+        let common = &self.common;
+        let Prepared { resident, start } = plan.prepared;
+        if let Some(ledger) = &plan.ledger {
+            ledger.join(&common.emergency, &common.registry);
+        }
+        let spec = common.replay_logs.give_log(plan.spec.listed());
+        let name = spec.name().to_string();
+        let thread_name = attributes.name().to_owned();
+        let announce = |executor: &_| start.announce(executor, spec, common);
+        let started = match &self.simulation {
+            None => OsThread::start_counted(attributes, common.registry.clone(), announce),
+            Some(simulation) => Ok(OsThread::start_simulated(simulation, &attributes, announce)),
+        };
+        let thread = match started {
+            Ok(thread) => thread,
+            Err(error) => {
+                let error = Error::not_started(&name, error);
+                return Err(NotStarted { error, resident });
+            }
+        };
+        let part = ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
+        let on = On::Thread(Box::new(part));
+        let mut member = Member::new(thread.process().clone(), on, plan.ledger, resident);
         member.shares_name = plan.shares_name;
-        Ok((member, started))
+        Ok((member, Started::OnThread((thread_name, thread))))
+    }
+
+    /// Announces a prepared process on the executor of this number. No user code runs there.
+    pub(super) fn announce(&self, number: usize, plan: ProcessPlan) -> (Member, Announced) {
+        let common = &self.common;
+        let Prepared { resident, start } = plan.prepared;
+        let mut spec = common.replay_logs.give_log(plan.spec.listed());
+        match &plan.ledger {
+            Some(ledger) => ledger.join(&common.emergency, &common.registry),
+            None if resident.is_none() => spec = spec.unhurried(),
+            None => {}
+        }
+        let (announced, handle) = start.announce(&self.executors[number], spec, common);
+        let mut member = Member::new(handle, On::Executor(number), plan.ledger, resident);
+        member.shares_name = plan.shares_name;
+        (member, announced)
     }
 }
 

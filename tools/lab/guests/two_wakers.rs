@@ -5,6 +5,12 @@
 //! have run before the call returns. With PREEMPT_RT it has not if the lower waker has lost the
 //! processor inside of its call, where it has taken the waiting thread off the futex and has not
 //! readied it yet: the kernel readies it when the lower waker runs again.
+//!
+//! Then with one waker alone, of SCHED_FIFO 20 and of SCHED_OTHER, and a thread of 50 that comes in
+//! between and computes: how often the woken thread of 80 runs only when that one is done, so that
+//! a thread of lower priority has held it up. Among
+//! them are those in which the waker lost the processor between its look at the clock and its call:
+//! the same on a kernel that is not PREEMPT_RT shows how many.
 
 use luna_machine::memory::lock_memory;
 use luna_platform::clock::Instant;
@@ -36,6 +42,91 @@ fn thread<T: Send + 'static>(
 
 fn main() {
     let _locked = lock_memory();
+    two_wakers();
+    for policy in [Policy::fifo(20), Policy::Other] {
+        one_waker(policy);
+    }
+}
+
+/// How long the thread in between computes.
+const BURST: Duration = Duration::from_micros(300);
+
+/// What one waker and the thread that it wakes share.
+struct Call {
+    futex: Futex,
+    /// When it was made, in nanoseconds.
+    asked: AtomicU64,
+    seen: AtomicU64,
+    late: AtomicU64,
+    over: AtomicBool,
+}
+
+fn one_waker(policy: Policy) {
+    let call = Arc::new(Call {
+        futex: Futex::new(0),
+        asked: AtomicU64::new(0),
+        seen: AtomicU64::new(0),
+        late: AtomicU64::new(0),
+        over: AtomicBool::new(false),
+    });
+    let (woken, between, low) = (call.clone(), call.clone(), call.clone());
+    let woken = thread("woken", 80, move || {
+        loop {
+            woken.futex.wait(0, Instant::NEVER);
+            if woken.over.load(Ordering::SeqCst) {
+                return;
+            }
+            if woken.futex.word().swap(0, Ordering::SeqCst) == 0 {
+                continue;
+            }
+            let asked = woken.asked.load(Ordering::SeqCst);
+            let took = Instant::now().nanos_since(Instant::from_nanos(asked));
+            let is_late = Duration::from_nanos(took) > BURST * 2 / 3;
+            woken.late.fetch_add(u64::from(is_late), Ordering::SeqCst);
+            woken.seen.fetch_add(1, Ordering::SeqCst);
+        }
+    });
+    let between = thread("between", 50, move || {
+        let (mut random, never_woken) = (7_u64, Futex::new(0));
+        while !between.over.load(Ordering::SeqCst) {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            let until = Instant::now() + Duration::from_nanos(20_000 + random % 80_000);
+            while Instant::now() < until {
+                never_woken.wait(0, until);
+            }
+            let until = Instant::now() + BURST;
+            while Instant::now() < until {
+                std::hint::spin_loop();
+            }
+        }
+    });
+    let attributes = Attributes::new("low").core(0).policy(policy);
+    let set_up = |_: &_| Ok::<_, Infallible>(());
+    let lower = spawn(attributes.mode(Mode::Strict), set_up, move |()| {
+        for number in 1..=WAKES {
+            low.futex.word().store(1, Ordering::SeqCst);
+            low.asked.store(Instant::now().as_nanos(), Ordering::SeqCst);
+            low.futex.wake_one();
+            while low.seen.load(Ordering::SeqCst) != number {
+                std::hint::spin_loop();
+            }
+        }
+    });
+    lower.expect("it starts").join().expect("it does not panic");
+    call.over.store(true, Ordering::SeqCst);
+    call.futex.word().store(1, Ordering::SeqCst);
+    call.futex.wake_one();
+    woken.join().expect("it does not panic");
+    between.join().expect("it does not panic");
+    let late = call.late.load(Ordering::SeqCst);
+    println!(
+        "one waker of {policy}: {late} of {WAKES} wakes came when a thread in between was done"
+    );
+}
+
+fn two_wakers() {
     let shared = Arc::new(Shared {
         futex: Futex::new(0),
         asked: AtomicU64::new(0),

@@ -4,36 +4,53 @@
 use super::common::{Wakes, Watchdog, pending, poll, poll_with, ready};
 use super::either;
 use futures_lite::future::block_on;
-use luna_channels::{Buffer, Sender, alt, buffered, channel, pri_alt};
+use luna_channels::{Buffer, RecvError, Sender, alt, at, buffered, channel, pri_alt};
+use luna_platform::clock::Instant;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Barrier, Mutex};
+use std::sync::{Barrier, Mutex};
 use std::thread;
 
 #[test]
 #[cfg_attr(luna_one_cpu, ignore = "needs threads")]
 fn invariant_8_a_non_blocking_choice_happens_at_one_instant() {
     let _watchdog = Watchdog::new();
-    // One of the two is ready at any time: a look that were spread over time could miss both.
-    let round = Arc::new(Barrier::new(2));
-    for _ in 0..2_000 {
-        let ((one, from_one), (two, from_two)) =
-            (buffered(Buffer::fifo(1)), buffered(Buffer::fifo(1)));
-        one.try_send(1).unwrap();
+    // One of the two is ready at any time: a look that were spread over time could miss both, and
+    // take `skip` or a delay that has passed. (A fair alternative takes such a delay.)
+    for growing in [false, true] {
+        let make = || {
+            if growing {
+                buffered(Buffer::allocating_unbounded())
+            } else {
+                buffered(Buffer::fifo(1))
+            }
+        };
+        let ((s1, r1), (s2, r2)) = (make(), make());
+        let (start, end) = (Barrier::new(2), Barrier::new(2));
+        let past = Instant::now();
         thread::scope(|scope| {
-            let chooser = scope.spawn(|| {
-                round.wait();
-                block_on(async {
-                    alt! {
-                        value = from_one.recv() => value.is_ok(),
-                        value = from_two.recv() => value.is_ok(),
-                        skip => false,
-                    }
-                })
+            scope.spawn(|| {
+                for n in 0..1_000 {
+                    s1.try_send(1).unwrap();
+                    start.wait();
+                    let chosen = block_on(async {
+                        if n % 2 == 0 {
+                            alt! { v = r1.recv() => v, v = r2.recv() => v, skip => Err(RecvError::Closed) }
+                        } else {
+                            pri_alt! { v = r1.recv() => v, v = r2.recv() => v, _ = at(past) => Err(RecvError::Closed) }
+                        }
+                    });
+                    assert_eq!(chosen, Ok(1));
+                    end.wait();
+                    while r1.try_recv().is_ok() {}
+                    while r2.try_recv().is_ok() {}
+                }
             });
-            round.wait();
-            two.try_send(2).unwrap();
-            let _ = from_one.try_recv();
-            assert!(chooser.join().unwrap());
+            for _ in 0..1_000 {
+                start.wait();
+                s2.try_send(1).unwrap();
+                let _ = r1.try_recv();
+                end.wait();
+            }
         });
     }
 }
