@@ -287,6 +287,19 @@ impl<T> Waiter<T> {
         }
     }
 
+    /// Makes a plain operation that was not begun done: its value was moved.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and no other thread accesses it.
+    #[inline(always)]
+    pub(crate) unsafe fn settle_new(node: NonNull<Waiter<T>>) {
+        // SAFETY: the node is live, and no other thread accesses it, so the field may be written.
+        unsafe {
+            (&raw mut (*Self::link(node)).outcome).write(AtomicU8::new(Outcome::Done as u8));
+        }
+    }
+
     /// Claims the alternative of the node, if it has one. `false`: the alternative has chosen
     /// already. Otherwise the node is to be settled, and holds the alternative's wake handle.
     ///
