@@ -25,6 +25,7 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
+pub use crate::csp::failed_at::EndedAt;
 pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
 pub use crate::safety::report::SafetyReport;
@@ -53,6 +54,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
+/// How many ends at channels the table shows.
+const ENDS_SHOWN: usize = 8;
 /// How many late cycles of a loop the table shows.
 const CYCLES_SHOWN: usize = 2;
 
@@ -95,6 +98,9 @@ pub struct Report {
     /// What became of the others, if there were more than the system
     /// [remembers](crate::System::remember_ended).
     pub earlier: EarlierProcesses,
+    /// The channels at which processes have ended, since an operation found them closed or poisoned:
+    /// the first 64.
+    pub ended_at: Vec<EndedAt>,
     /// The periodic loops, by their names.
     pub loops: BTreeMap<String, LoopReport>,
     /// The processes that others [stood in](crate::System::stand_in) for, by name.
@@ -396,6 +402,13 @@ impl fmt::Display for Report {
             for budget in process.budgets.iter().filter(|one| one.overruns > 0) {
                 writeln!(f, "  process `{}`: {budget}", process.name)?;
             }
+        }
+        for end in self.ended_at.iter().take(ENDS_SHOWN) {
+            writeln!(f, "  {end}")?;
+        }
+        if self.ended_at.len() > ENDS_SHOWN {
+            let more = self.ended_at.len() - ENDS_SHOWN;
+            writeln!(f, "  {more} more ended at channels: Report::ended_at")?;
         }
         self.safety.fmt(f)?;
         if self.earlier.number() > 0 {

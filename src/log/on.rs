@@ -108,7 +108,8 @@ impl Log {
             // Those that are made from now on are named as they are made.
             for place in luna_channels::inspect::wait_points() {
                 if let Some(kind) = place.kind.in_events() {
-                    self.0.name(kind, place.id as u32, place.name_in_events());
+                    let (number, of) = (place.id as u32, place.buffer_in_events());
+                    self.0.name(kind, number, of, place.name_in_events());
                 }
             }
         }

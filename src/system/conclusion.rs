@@ -58,6 +58,8 @@ pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool)
         end,
         processes: started.reports(),
         earlier: started.earlier(),
+        ended_at: (running.common.ended_at)
+            .named(&|process| started.name(process).map(str::to_owned)),
         loops: running.common.scope.take_reports(&known),
         stand_ins: plan.stand_ins().replaced(),
         deployment: plan.deployment().map(|deployment| deployment.report()),
@@ -88,7 +90,16 @@ pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool)
     };
     members.report = Some(report.clone());
     match error {
-        Some(error) => Err(error),
+        Some(error) => {
+            // A test on a virtual clock asks for it; a machine's operator has nothing else.
+            if !report.clock.is_virtual() {
+                // The error has the deadlock.
+                let deadlock = None;
+                let text = Report { deadlock, ..report }.to_string();
+                notice!("{}", text.trim_end());
+            }
+            Err(error)
+        }
         None => Ok(report),
     }
 }

@@ -11,6 +11,7 @@ use super::neighbours;
 use super::plan::{Phase, Plan, ProcessPlan, Running, Settings};
 use super::register::REMEMBERED;
 use crate::csp::composition::{ThreadKind, ThreadPart};
+use crate::csp::failed_at::EndedAtChannels;
 use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::log::Session;
@@ -209,6 +210,7 @@ fn launch_described(
             tree: plan.tree.clone(),
             registry: registry.clone(),
             clock: clock.clone(),
+            ended_at: EndedAtChannels::new(),
             log,
             replay_logs,
         }),

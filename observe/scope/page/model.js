@@ -146,7 +146,7 @@ export class Model {
   channel(number) {
     let channel = this.channels.get(number);
     if (!channel) {
-      channel = { number, name: `channel ${number}`, recorded: "", communications: 0, from: new Set(), to: new Set() };
+      channel = { number, name: `channel ${number}`, recorded: "", sent: 0, received: 0, from: new Set(), to: new Set() };
       this.channels.set(number, channel);
       this.version++;
     }
@@ -177,7 +177,9 @@ export class Model {
     if (state !== 0) this.enter(this.process(subject), time, state, a, b, thread);
     else if (code === CODE.communication) {
       const channel = this.channel(subject);
-      channel.communications++;
+      // A value that goes through a buffer is sent in one event and received in another.
+      if (a || !b) channel.sent++;
+      if (b) channel.received++;
       if (a) this.join(channel.from, a);
       if (b) this.join(channel.to, b);
     } else if (code === CODE.asleep || code === CODE.awake) {
