@@ -94,8 +94,12 @@ unsafe impl Sync for Choice<'_, '_> {}
 unsafe impl InPlace for Choice<'_, '_> {}
 
 /// An alternative among these guards: fair, or in the order written.
+///
+/// # Safety
+///
+/// The guards are new, and are offered to this choice alone. It is dropped before them.
 #[inline(always)]
-pub fn choose<'b, 'a, const N: usize>(
+pub unsafe fn choose<'b, 'a, const N: usize>(
     offers: &'b mut [Offer<'a>; N],
     is_fair: bool,
     has_skip: bool,
@@ -255,8 +259,7 @@ impl<'a> Choice<'_, 'a> {
     fn wait_alone(&mut self, plain: PlainTurn<'_>) {
         let select_state = self.open(plain, None);
         let user = LastUser::process(plain.process().id());
-        let mut number = 0;
-        for offer in self.plain_offers() {
+        for (number, offer) in (0..).zip(self.plain_offers()) {
             // SAFETY: this thread has kept the lock, and takes it back once. The node is new, so no
             // other thread knows it; it is withdrawn before it and the select state go.
             let mut lists = unsafe {
@@ -266,7 +269,6 @@ impl<'a> Choice<'_, 'a> {
             };
             lists.note_user(offer.of_sender, user);
             lists.waiting = Waiting::alone_guard(offer.waiter.cast(), offer.of_sender);
-            number += 1;
         }
     }
 
@@ -368,6 +370,10 @@ impl<'a> Choice<'_, 'a> {
             },
         );
         locks.leave();
+        if !self.offers.iter().any(Offer::is_open) {
+            // SAFETY: the alternative is pinned.
+            unsafe { self.stop.list() };
+        }
         self.release(0);
         Some(self.poll_listed(turn))
     }

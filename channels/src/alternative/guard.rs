@@ -193,7 +193,11 @@ pub unsafe trait RawGuard {
 
     /// The stamp of a chosen guard that was listed, of a process with a replay log; 0 if it has
     /// none.
-    fn order(&self) -> u64 {
+    ///
+    /// # Safety
+    ///
+    /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled.
+    unsafe fn order(&self) -> u64 {
         0
     }
 
@@ -219,5 +223,10 @@ pub unsafe trait RawGuard {
 
     /// It is plain, and its node knows what has come of it: it waits there without
     /// [`list`](Self::list), or was met without [`attempt`](Self::attempt).
-    fn note_begun(self: Pin<&mut Self>) {}
+    ///
+    /// # Safety
+    ///
+    /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled. The
+    /// node was begun.
+    unsafe fn note_begun(self: Pin<&mut Self>) {}
 }

@@ -176,7 +176,8 @@ macro_rules! __alternative {
         match $crate::__private::guard($guard) {
             seed => {
                 let mut guard = ::core::pin::pin!($crate::__private::Place::empty());
-                guard.as_mut().plant(::core::option::Option::Some(seed));
+                // SAFETY: the place is new, and only this expansion knows it.
+                unsafe { guard.as_mut().plant(::core::option::Option::Some(seed)) };
                 $crate::__alternative!(@guards $fair [$($conditions)*.1] [$($skip)*] [$($guards)* guard] $($rest)*)
             }
         }
@@ -189,7 +190,8 @@ macro_rules! __alternative {
         } {
             seed => {
                 let mut guard = ::core::pin::pin!($crate::__private::Place::empty());
-                guard.as_mut().plant(seed);
+                // SAFETY: the place is new, and only this expansion knows it.
+                unsafe { guard.as_mut().plant(seed) };
                 $crate::__alternative!(@guards $fair [$($conditions)*.1] [$($skip)*] [$($guards)* guard] $($rest)*)
             }
         }
@@ -197,8 +199,14 @@ macro_rules! __alternative {
     (@guards $fair:tt [$($conditions:tt)*] [$($skip:tt)*] [$($guards:ident)*]) => {{
         let () = $($conditions)*;
         let has_skip = $crate::__alternative!(@has_skip $($skip)*);
-        let number = $crate::__private::choose(&mut [$($guards.as_mut().offer()),*], $fair, has_skip).await;
-        $($guards.as_mut().decided();)*
+        let number = {
+            // SAFETY: each guard is offered once, here.
+            let offers = &mut unsafe { [$($guards.as_mut().offer()),*] };
+            // SAFETY: they are offered to this choice alone, which is over or dropped before them.
+            unsafe { $crate::__private::choose(offers, $fair, has_skip) }.await
+        };
+        // SAFETY: the choice is over, and dropped.
+        $(unsafe { $guards.as_mut().decided() };)*
         $crate::__alternative!(@output number [$($skip)*] $($guards)*)
     }};
 

@@ -111,8 +111,12 @@ impl<G: Guard> Place<G> {
     }
 
     /// Makes the guard here, where it is to stay, if it is open.
+    ///
+    /// # Safety
+    ///
+    /// It is empty.
     #[inline(always)]
-    pub fn plant(self: Pin<&mut Self>, seed: Option<Seed<G>>) {
+    pub unsafe fn plant(self: Pin<&mut Self>, seed: Option<Seed<G>>) {
         // SAFETY: nothing is moved out of the place.
         let this = unsafe { self.get_unchecked_mut() };
         if let Some(seed) = seed {
@@ -126,8 +130,12 @@ impl<G: Guard> Place<G> {
     }
 
     /// The guard, for the alternative.
+    ///
+    /// # Safety
+    ///
+    /// It is offered once.
     #[inline(always)]
-    pub fn offer(self: Pin<&mut Self>) -> Offer<'_> {
+    pub unsafe fn offer(self: Pin<&mut Self>) -> Offer<'_> {
         // SAFETY: nothing is moved out of the place.
         let this = unsafe { self.get_unchecked_mut() };
         if !this.is_there {
@@ -142,11 +150,15 @@ impl<G: Guard> Place<G> {
         }
     }
 
-    /// The alternative is over, and no node of this guard is listed.
+    /// The alternative is over.
+    ///
+    /// # Safety
+    ///
+    /// So it is: no node of this guard is listed.
     #[inline(always)]
-    pub fn decided(self: Pin<&mut Self>) {
+    pub unsafe fn decided(self: Pin<&mut Self>) {
         if !G::DROPS {
-            // SAFETY: nothing is moved. What is not dropped has nothing to drop.
+            // SAFETY: nothing is moved. What is not dropped has nothing to drop, and is not listed.
             unsafe { self.get_unchecked_mut() }.is_there = false;
         }
     }
@@ -325,9 +337,11 @@ impl<'a> Offer<'a> {
     #[inline(never)]
     pub(super) fn withdraw_listed(&mut self) {
         if let Some(mut guard) = self.guard_mut() {
-            guard.as_mut().note_begun();
-            // SAFETY: this is the guard's alternative.
-            unsafe { guard.withdraw() };
+            // SAFETY: this is the guard's alternative, which has listed it: so its node was begun.
+            unsafe {
+                guard.as_mut().note_begun();
+                guard.withdraw();
+            }
         }
     }
 }

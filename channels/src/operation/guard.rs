@@ -112,7 +112,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         self.channel().note_logged(D::SEND);
     }
 
-    fn order(&self) -> u64 {
+    unsafe fn order(&self) -> u64 {
         match self.phase {
             // SAFETY: an operation with a replay log is listed on the slow path alone; it is
             // settled, since its alternative has chosen it.
@@ -129,7 +129,7 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         true
     }
 
-    fn note_begun(self: Pin<&mut Self>) {
+    unsafe fn note_begun(self: Pin<&mut Self>) {
         let this = self.in_place();
         if this.phase == Phase::New {
             this.phase = Phase::Listed;

@@ -463,3 +463,30 @@ fn nothing_is_left_of_it_for_a_report() {
     drop(both);
     assert_eq!(count(), 0);
 }
+
+#[test]
+fn an_alternative_without_an_open_guard_is_reported_as_stop() {
+    let stage = Executor::start(Attributes::new("stage")).unwrap();
+    let (_sender, receiver) = channel::<u32>();
+    let stops = stage.spawn(ProcessSpec::new("stops").level(2), move || async move {
+        alt! {
+            value = receiver.recv(), if receiver.buffered() > 0 => drop(value),
+        }
+    });
+    let (stopped, other) = (stops.id(), stops.clone());
+    let looks = stage.spawn(ProcessSpec::new("looks").level(1), move || async move {
+        let points = inspect::wait_points();
+        let waiting = points
+            .iter()
+            .filter(|point| point.kind == inspect::WaitPointKind::Stop);
+        let mut users = waiting.flat_map(|point| &point.waiting).map(|one| one.user);
+        let is_there = users.any(|user| user == current::User::Process(stopped));
+        other.cancel();
+        assert!(is_there);
+    });
+    stage.release();
+    assert_eq!(
+        (looks.wait(), stops.wait()),
+        (Exit::Completed, Exit::Cancelled)
+    );
+}

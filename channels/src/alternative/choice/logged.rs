@@ -67,7 +67,9 @@ impl Logged for Choice<'_, '_> {
             (None, _) => unreachable!("no guard was chosen"),
         };
         let guard = self.offers.get(chosen as usize).and_then(Offer::guard);
-        let stamp = replay::stamp(guard.map_or(0, |guard| guard.order()), own);
+        // SAFETY: this is the guard's alternative.
+        let of_partner = guard.map_or(0, |guard| unsafe { guard.order() });
+        let stamp = replay::stamp(of_partner, own);
         Event::new(What::Chosen, u64::from(chosen), stamp)
     }
 

@@ -156,7 +156,8 @@ impl<'a> Choice<'_, 'a> {
             .filter(|offer| offer.plain().is_some());
         guards
             .filter_map(Offer::guard_mut)
-            .for_each(|guard| guard.note_begun());
+            // SAFETY: this is their alternative, which has begun their nodes as it listed them.
+            .for_each(|guard| unsafe { guard.note_begun() });
     }
 
     fn can_fail(&self) -> bool {
@@ -219,7 +220,8 @@ impl<'a> Choice<'_, 'a> {
                     .filter(|offer| offer.plain().is_some())
                     .and_then(Offer::guard_mut)
                 {
-                    guard.note_begun();
+                    // SAFETY: this is its alternative, and the node was begun: the guard is done.
+                    unsafe { guard.note_begun() };
                 }
             }
             _ => {}
