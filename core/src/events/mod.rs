@@ -16,6 +16,10 @@
 
 pub mod code;
 mod reports;
+#[cfg_attr(
+    not(all(feature = "events", not(loom))),
+    allow(dead_code, unreachable_pub, reason = "no thread is traced")
+)]
 mod trace;
 mod waits;
 
