@@ -162,7 +162,8 @@ pub use {
 #[cfg(not(loom))]
 pub use {
     call_count::UnderWay,
-    executor::{Announced, Executor, ExecutorHandle, has_given_up, make_room},
+    current::has_given_up,
+    executor::{Announced, Executor, ExecutorHandle, make_room},
     interference::{Interference, Turn, interference, look_at_clock},
     process::{
         Exit, ExitValue, Join, Name, PollMonitor, ProcessHandle, ProcessRegistry, ProcessSpec,
