@@ -14,13 +14,13 @@ pub(crate) mod inheritance;
 pub(crate) mod inheritor;
 mod ready;
 mod renewal;
-mod replay;
 pub(crate) mod run_queue;
 pub(crate) mod turn;
 mod wake_handle;
 
 pub use branch::{
-    branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch_below,
+    branch_failed, branch_path, end_branch, has_replay_log, in_branch, is_replayed, replay_log,
+    stay_in_branch, take_branch_end, with_branch_below, with_replay_log, without_replay_log,
 };
 pub use branches::Branches;
 #[cfg(not(loom))]
@@ -35,9 +35,6 @@ pub use ready::{
     ready_levels, spend_operation, yield_if_outranked, yield_turn,
 };
 pub use renewal::Renewal;
-pub use replay::{
-    branch_path, has_replay_log, is_replayed, replay_log, with_replay_log, without_replay_log,
-};
 pub use turn::{
     Here, PlainTurn, Turn, end_turns, give_turn, outside, plain_turn, priority, process,
     take_interrupted, user, with_process,
