@@ -48,7 +48,7 @@ fn main() -> luna::Result<()> {
     let cycles = seconds as f64 * 1000.0;
     let polls: u64 = report.processes.iter().map(|process| process.polls).sum();
     println!(
-        "{seconds} s in {:.3} s: {:.2} us a cycle, {:.1} polls each",
+        "{seconds} s in {:.3} s: {:.2} µs a cycle, {:.1} polls each",
         report.really_elapsed.as_secs_f64(),
         report.really_elapsed.as_secs_f64() * 1e6 / cycles,
         polls as f64 / cycles

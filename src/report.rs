@@ -25,6 +25,7 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
+pub use crate::csp::failed_at::EndedAt;
 pub use crate::safety::budget::BudgetReport;
 pub use crate::safety::emergency::{FunctionOutcome, FunctionReport};
 pub use crate::safety::report::SafetyReport;
@@ -53,6 +54,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
+/// How many ends at channels the table shows.
+const ENDS_SHOWN: usize = 8;
 /// How many late cycles of a loop the table shows.
 const CYCLES_SHOWN: usize = 2;
 
@@ -95,6 +98,9 @@ pub struct Report {
     /// What became of the others, if there were more than the system
     /// [remembers](crate::System::remember_ended).
     pub earlier: EarlierProcesses,
+    /// The channels at which processes have ended, since an operation found them closed or poisoned:
+    /// the first 64.
+    pub ended_at: Vec<EndedAt>,
     /// The periodic loops, by their names.
     pub loops: BTreeMap<String, LoopReport>,
     /// The processes that others [stood in](crate::System::stand_in) for, by name.
@@ -397,6 +403,13 @@ impl fmt::Display for Report {
                 writeln!(f, "  process `{}`: {budget}", process.name)?;
             }
         }
+        for end in self.ended_at.iter().take(ENDS_SHOWN) {
+            writeln!(f, "  {end}")?;
+        }
+        if self.ended_at.len() > ENDS_SHOWN {
+            let more = self.ended_at.len() - ENDS_SHOWN;
+            writeln!(f, "  {more} more ended at channels: Report::ended_at")?;
+        }
         self.safety.fmt(f)?;
         if self.earlier.number() > 0 {
             writeln!(f, "  {}", self.earlier)?;
@@ -415,12 +428,12 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{:<16} {:>9} {:>9} {:>7} | {:>36} | {:>30}",
-            "loop", "period", "cycles", "missed", "wake-up latency, us", "cycle time, us"
+            "loop", "period", "cycles", "missed", "wake-up latency, µs", "cycle time, µs"
         )?;
         writeln!(
             f,
             "{:<16} {:>9} {:>9} {:>7} | {:>8} {:>8} {:>8} {:>9} | {:>9} {:>8} {:>11}",
-            "", "us", "", "", "p50", "p99", "p99.9", "max", "mean", "stddev", "max"
+            "", "µs", "", "", "p50", "p99", "p99.9", "max", "mean", "stddev", "max"
         )?;
         for (name, one) in &self.loops {
             let (wake, cycle) = (&one.wake_latency, &one.cycle_time);

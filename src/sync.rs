@@ -1,5 +1,5 @@
 //! Synchronization without values: barriers, and locks for processes and threads alike
-//! ([`Mutex`], [`Condvar`], [`Semaphore`]).
+//! ([`Mutex`], [`Condvar`], [`Semaphore`]); and a newest value for many readers ([`Watch`]).
 //!
 //! A channel is the right construct wherever a value goes from one process to another. A lock is
 //! right where several processes look at the same state for a moment, and none owns it: a table of
@@ -22,12 +22,15 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 
+mod watch;
+
 pub use luna_channels::lock_sync::{
     AcquireError, AcquireOp, AcquireTimeout, AcquireTimeoutError, Condvar, LockError, LockOp,
     LockTimeout, LockTimeoutError, Mutex, MutexGuard, OwnerDied, Semaphore, SemaphorePermit,
     TryLockError, WaitOp, WaitTimeout, WaitTimeoutResult,
 };
 pub use luna_channels::{Barrier, Party, SyncOp};
+pub use watch::{Watch, WatchReader};
 
 #[doc(hidden)]
 #[deprecated(since = "0.1.0", note = "`Barrier::local` returns a `luna::Barrier`")]

@@ -81,8 +81,8 @@ impl RecvError {
     }
 }
 
-/// Why an operation failed that gives up: as the first variant, or as a plain one fails. A send gives
-/// its value back.
+/// Why an operation failed that gives up: as the first variant, or as a plain one fails. A send
+/// gives its value back.
 macro_rules! gives_up {
     (
         $(#[$about:meta])* $name:ident<$($T:ident)?>: $doing:literal, $other:literal,

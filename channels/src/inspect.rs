@@ -4,6 +4,7 @@
 //! Not for the real-time path: [`wait_points`] looks at each channel under its lock, one after the
 //! other, so the result is no snapshot of one instant, unless all processes wait.
 
+use crate::buffer::{Buffer, WhenFull};
 use crate::core::{FastPath, Meet};
 use crate::wait_point::{Ending, Mover, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
@@ -13,6 +14,7 @@ use alloc::format;
 use alloc::string::String;
 use alloc::string::ToString;
 use alloc::vec::Vec;
+use core::fmt;
 use core::panic::Location;
 use core::ptr::NonNull;
 use luna_core::current::User;
@@ -21,9 +23,12 @@ use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::sync::OnceLock;
 use luna_platform::sync::plain::{AtomicBool, AtomicU64, Ordering};
 
+mod failed_at;
 #[cfg_attr(not(feature = "std"), path = "inspect/register_bare.rs")]
 mod register;
 
+pub(crate) use failed_at::note as note_failure;
+pub use failed_at::{FailedAt, failed_at};
 pub(crate) use register::{register, unregister};
 
 /// What kind of meeting place it is.
@@ -60,9 +65,18 @@ impl WaitPointKind {
     }
 }
 
-/// What a place without a name is called in events.
-fn place_in_source(made_at: &Location<'_>) -> String {
-    format!("{}:{}", made_at.file(), made_at.line())
+/// What tells the wait points apart that are made at one place, as by a function that is called
+/// several times: nothing of the first one.
+pub(crate) struct Nth(pub(crate) u16);
+
+impl fmt::Display for Nth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            0 | 1 => Ok(()),
+            u16::MAX => f.write_str(" (one of many)"),
+            nth => write!(f, " ({nth})"),
+        }
+    }
 }
 
 /// A waiter at a wait point.
@@ -116,10 +130,15 @@ pub struct WaitPointView {
     pub name: Option<String>,
     /// Where in the program it was made.
     pub made_at: &'static Location<'static>,
+    /// How many were made in that line until then, this one included.
+    pub nth: u16,
+    buffer: BufferCode,
     /// What it is.
     pub kind: WaitPointKind,
     /// How many values are buffered.
     pub buffered: usize,
+    /// Whether a send into a full buffer drops a value.
+    pub overwrites: bool,
     /// Whether it was marked as used from outside of the system.
     pub external: bool,
     /// Of a barrier: whether a party was a thread of its own, as under `block_on`, unknown to every
@@ -135,11 +154,40 @@ pub struct WaitPointView {
     pub waiting: Vec<Waiting>,
 }
 
+/// What a channel's buffer is, in the events that name it.
+///
+/// 0: it is not known, as of what is no channel. Else four times the capacity, at most 2^29, plus 1
+/// of a FIFO or a rendezvous, 2 of one that drops its oldest value, 3 of one that drops its newest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct BufferCode(u32);
+
+impl BufferCode {
+    pub(crate) const NONE: Self = Self(0);
+
+    pub(crate) fn of(buffer: Buffer) -> Self {
+        let capacity = buffer.capacity.min(1 << 29) as u32; // at most 2^29
+        let policy = match buffer.when_full {
+            WhenFull::Wait | WhenFull::Grow => 1,
+            WhenFull::DropOldest => 2,
+            WhenFull::DropNewest => 3,
+        };
+        Self(capacity * 4 + policy)
+    }
+
+    fn overwrites(self) -> bool {
+        self.0 & 3 > 1
+    }
+}
+
 /// The identity of a wait point, fixed at its creation.
 #[derive(Debug)]
 pub(crate) struct Identity {
     id: u64,
     made_at: &'static Location<'static>,
+    /// How many were made in that line until then, this one included.
+    nth: u16,
+    /// Of a channel.
+    buffer: BufferCode,
     /// How to count and move its values.
     pub(crate) values: &'static ValueMethods,
     /// Few have one, so it takes little room.
@@ -198,29 +246,52 @@ impl WaitPointView {
     pub fn name_in_events(&self) -> String {
         match &self.name {
             Some(name) => name.clone(),
-            None => place_in_source(self.made_at),
+            None => {
+                let (file, line) = (self.made_at.file(), self.made_at.line());
+                format!("{file}:{line}{}", Nth(self.nth))
+            }
         }
+    }
+
+    /// What its buffer is, in the events that name it: see docs/recording-format.md.
+    pub fn buffer_in_events(&self) -> u32 {
+        self.buffer.0
+    }
+
+    /// Where it was made, and which of those that were made there it is: "src/main.rs:12:5 (2)".
+    pub fn place(&self) -> String {
+        format!("{}{}", self.made_at, Nth(self.nth))
     }
 }
 
 impl Identity {
     #[track_caller]
     pub(crate) fn new(kind: WaitPointKind) -> Self {
+        Self::of_channel(kind, BufferCode::NONE)
+    }
+
+    #[track_caller]
+    pub(crate) fn of_channel(kind: WaitPointKind, buffer: BufferCode) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
-        let (id, made_at) = (NEXT.fetch_add(1, Ordering::Relaxed), Location::caller());
-        if let Some(kind) = kind.in_events() {
-            events::name(kind, id as u32, 0, || place_in_source(made_at));
-        }
-        Self {
-            id,
+        let made_at = Location::caller();
+        let new = Self {
+            id: NEXT.fetch_add(1, Ordering::Relaxed),
             made_at,
+            nth: register::nth_at(made_at),
+            buffer,
             values: ValueMethods::of(kind),
             name: OnceLock::new(),
             external: AtomicBool::new(false),
             has_stranger: AtomicBool::new(false),
             #[cfg(not(feature = "std"))]
             links: register::Links::new(),
+        };
+        if let Some(kind) = kind.in_events() {
+            let (file, line) = (made_at.file(), made_at.line());
+            let place = || format!("{file}:{line}{}", Nth(new.nth));
+            events::name(kind, new.number(), buffer.0, place);
         }
+        new
     }
 
     /// A number of its own, which rises from one that is made to the next.
@@ -243,7 +314,10 @@ impl Identity {
     /// The first name stays.
     pub(crate) fn set_name(&self, name: &str) {
         if self.name.set(name.into()).is_ok() {
-            events::name(self.kind_in_events(), self.number(), 0, || name.to_owned());
+            let number = self.number();
+            events::name(self.kind_in_events(), number, self.buffer.0, || {
+                name.to_owned()
+            });
         }
     }
 
@@ -301,8 +375,11 @@ fn stopped() -> Option<WaitPointView> {
         address: 0,
         name: Some("STOP".to_owned()),
         made_at: Location::caller(),
+        nth: 1,
+        buffer: BufferCode::NONE,
         kind: WaitPointKind::Stop,
         buffered: 0,
+        overwrites: false,
         external: false,
         strangers: false,
         ended: false,
@@ -340,11 +417,14 @@ unsafe fn view(registered: NonNull<WaitPoint>) -> WaitPointView {
         address: registered.addr().get(),
         name: wait_point.identity.name.get().map(|name| name.to_string()),
         made_at: wait_point.identity.made_at,
+        nth: wait_point.identity.nth,
+        buffer: wait_point.identity.buffer,
         kind: match capacity {
             0 => values.kind,
             _ => WaitPointKind::Buffered(capacity),
         },
         buffered,
+        overwrites: wait_point.identity.buffer.overwrites(),
         external: wait_point.identity.external.load(Ordering::Relaxed),
         strangers: wait_point.identity.has_stranger(),
         ended,

@@ -111,7 +111,7 @@ pub mod __private {
     };
 }
 
-use crate::inspect::{Identity, WaitPointKind};
+use crate::inspect::{BufferCode, Identity, WaitPointKind};
 use ::core::task::Context;
 use luna_core::current::{self, QueueEnd};
 
@@ -175,7 +175,8 @@ fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
         0 => WaitPointKind::Rendezvous,
         capacity => WaitPointKind::Buffered(capacity),
     };
-    let channel = core::Channel::allocate(buffer, Identity::new(kind));
+    let channel =
+        core::Channel::allocate(buffer, Identity::of_channel(kind, BufferCode::of(buffer)));
     // SAFETY: a new channel counts one end of each kind.
     unsafe { (Sender::new(channel), Receiver::new(channel)) }
 }

@@ -264,6 +264,11 @@ impl<T> Sender<T> {
         Ended::new(self.channel().wait_point(), false)
     }
 
+    /// [`ended`](Self::ended), under the name that tokio's senders have for it.
+    pub fn closed(&self) -> Ended<'_> {
+        self.ended()
+    }
+
     /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
     #[must_use]
     pub fn named(self, name: &str) -> Self {

@@ -35,8 +35,10 @@ impl Stamp {
     /// Notes that this end was chosen, among ends of which the greatest stamp is `greatest`.
     #[inline]
     pub(crate) fn choose(&self, greatest: u64) {
-        let stamp = CHOICES.get().max(greatest) + 1;
-        CHOICES.set(stamp);
-        self.0.store(stamp, Ordering::Relaxed);
+        CHOICES.with(|choices| {
+            let stamp = choices.get().max(greatest) + 1;
+            choices.set(stamp);
+            self.0.store(stamp, Ordering::Relaxed);
+        });
     }
 }

@@ -11,8 +11,8 @@ use pin_project_lite::pin_project;
 pin_project! {
     /// The values of a channel as a stream: see [`Receiver::stream`].
     ///
-    /// Cancel-safe: when it is dropped, a value that it was given and has not handed on goes back to
-    /// the head of the channel. Real-time path: yes, as [`Receiver::recv`].
+    /// Cancel-safe: when it is dropped, a value that it was given and has not handed on goes back
+    /// to the head of the channel. Real-time path: yes, as [`Receiver::recv`].
     #[must_use = "a stream does nothing unless polled"]
     pub struct Incoming<'a, T> {
         receiver: &'a Receiver<T>,

@@ -177,8 +177,9 @@ fn has_empty_part(name: &str) -> bool {
 fn dependencies(template: Template, luna: &Luna) -> String {
     let mut lines = format!(
         "\
-# `events`: a run can be recorded with what its channels do (LUNA_LOG_EVENTS=65536).
-luna-rt = {{ {}, features = [\"events\"] }}
+# `events`: a run can be recorded with what its channels do (LUNA_LOG_EVENTS=65536). `scope`:
+# LUNA_SCOPE=1 shows it in the browser.
+luna-rt = {{ {}, features = [\"events\", \"scope\"] }}
 ",
         luna.source("")
     );

@@ -2,6 +2,7 @@
 
 use crate::args;
 use crate::failure::{Failure, failed, unusable};
+use luna_logger::format::Reader;
 use luna_scope::{MergeError, ReplayError, Scope, Settings};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, Write};
@@ -67,9 +68,16 @@ fn open_one(path: &Path) -> Result<Source, Failure> {
     let file = open_file(path)?;
     let is_file = file.get_ref().metadata().is_ok_and(|found| found.is_file());
     Ok(match is_file {
-        true => Source::File(file),
+        true => Source::File(checked(path, file)?),
         false => Source::Stream(Box::new(file)),
     })
+}
+
+/// The file, if it begins as a recording: what is none is told before an address.
+fn checked(path: &Path, mut file: BufReader<File>) -> Result<BufReader<File>, Failure> {
+    Reader::new(&mut file).map_err(failed(path))?;
+    file.rewind().map_err(failed(path))?;
+    Ok(file)
 }
 
 fn open_file(path: &Path) -> Result<BufReader<File>, Failure> {

@@ -97,12 +97,15 @@ pub enum EndUser {
 pub struct ChannelPart {
     /// The name that it was given.
     pub name: Option<String>,
-    /// Where in the program it was made: file, line and column.
+    /// Where in the program it was made: file, line and column; of several that were made there,
+    /// which one: "src/main.rs:12:5 (2)".
     pub made_at: String,
     /// What it is, and how many values it can hold.
     pub kind: ChannelKind,
     /// How many values it holds.
     pub buffered: usize,
+    /// Whether a send into a full buffer drops a value.
+    pub overwrites: bool,
     /// Whether it is marked as used from outside of the system.
     pub external: bool,
     /// Whether it was poisoned, or all its senders or receivers are gone.
@@ -316,6 +319,7 @@ mod tests {
                 made_at: "src/main.rs:1:1".to_owned(),
                 kind: ChannelKind::Buffered(4),
                 buffered: 1,
+                overwrites: false,
                 external: false,
                 ended: true,
                 sender: Some(EndUser::Outside),

@@ -1,5 +1,6 @@
 //! What can be a process, and how the framework starts and ends it.
 
+use super::failed_at::EndedAtChannels;
 use super::supervised::Supervised;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
@@ -285,6 +286,7 @@ pub(crate) struct Common {
     pub(crate) tree: Arc<Tree>,
     pub(crate) registry: Arc<ProcessRegistry>,
     pub(crate) clock: Clock,
+    pub(crate) ended_at: EndedAtChannels,
     pub(crate) log: Log,
     pub(crate) replay_logs: ReplayLogs,
 }

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::notice::notice;
 use crate::system::deadlock::{Sleeping, find};
 use crate::time::{LoopName, Scope};
-use luna_channels::inspect::wait_points;
+use luna_channels::inspect::{failed_at, wait_points};
 use luna_core::ExitValue;
 use luna_core::current::{self, ProcessId};
 use luna_events as events;
@@ -30,7 +30,18 @@ impl Verdict {
     fn of(returned: Result<()>) -> Self {
         match returned {
             Ok(()) => Self(None),
-            Err(error) => Self::failure(Ended::Returned(error)),
+            Err(error) => {
+                let at = failed_at().filter(|_| error.is_closed() || error.is_poisoned());
+                if let Some(at) = at {
+                    Common::with(|common| common.ended_at.note(at));
+                }
+                match error {
+                    // Its partners have ended: so does it, in order. If one of them has failed,
+                    // that is the error of the run.
+                    Error::Closed => Self(None),
+                    error => Self::failure(Ended::Returned(error)),
+                }
+            }
         }
     }
 

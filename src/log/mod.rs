@@ -45,4 +45,12 @@ mod logger;
 #[path = "off.rs"]
 mod logger;
 
+#[cfg(feature = "scope")]
+#[path = "scope.rs"]
+mod scope;
+#[cfg(not(feature = "scope"))]
+#[path = "no_scope.rs"]
+mod scope;
+
 pub use logger::*;
+pub(crate) use scope::Shown;

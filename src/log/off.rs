@@ -2,8 +2,10 @@
 
 pub use luna_error::RegisterError;
 
+use super::Shown;
 use crate::error::Result;
 use crate::system::Opening;
+use luna_config::parameters::Parameters;
 use std::cell::Cell;
 use std::convert::Infallible;
 use std::fmt;
@@ -162,7 +164,14 @@ impl Log {
 
     pub(crate) fn report(&self, _: u16, _: u32, _: [u64; 2]) {}
 
-    pub(crate) fn start(&self, _: bool, _: Asked, _: bool, _: &Opening) -> Result<Session> {
+    pub(crate) fn start(
+        &self,
+        _: bool,
+        _: Asked,
+        _: bool,
+        _: &Opening,
+        _: Parameters,
+    ) -> Result<Session> {
         Ok(Session)
     }
 }
@@ -170,7 +179,7 @@ impl Log {
 pub(crate) struct Session;
 
 impl Session {
-    pub(crate) fn finish(self, _: impl Fn() -> bool) -> Option<Infallible> {
-        None
+    pub(crate) fn finish(self, _: impl Fn() -> bool) -> (Option<Infallible>, Shown) {
+        (None, Shown)
     }
 }

@@ -5,9 +5,11 @@ pub use luna_logger::{
     TcpSink, Tee, UdpSink, WriterSink, install, message,
 };
 
+use super::Shown;
 use crate::error::{Result, SetupError};
 use crate::notice::notice;
 use crate::system::Opening;
+use luna_config::parameters::Parameters;
 use luna_logger::{Entered, Hub, LoggingReport, Recorder, TimeBase};
 use std::sync::Arc;
 
@@ -60,6 +62,7 @@ impl Log {
         asked: Asked,
         replaces: bool,
         opening: &Opening,
+        parameters: Parameters,
     ) -> Result<Session> {
         self.0.set_time(if is_virtual {
             TimeBase::OfThread
@@ -71,8 +74,18 @@ impl Log {
                 .filter(|path| !path.is_empty())
                 .map(|path| with_events(Logging::to_place(path)))
         };
-        let Some(recording) = asked.or_else(by_variable) else {
-            return Ok(Session(None));
+        let asked = asked.or_else(by_variable);
+        #[cfg(feature = "scope")]
+        let (asked, shown) = Shown::open(asked, parameters, opening, |sink| {
+            let recording = Logging::to_sink(sink);
+            #[cfg(feature = "events")]
+            let recording = recording.events();
+            with_events(recording)
+        })?;
+        #[cfg(not(feature = "scope"))]
+        let (_, shown) = (parameters, Shown::none());
+        let Some(recording) = asked else {
+            return Ok(Session(None, shown));
         };
         let recording = if replaces {
             recording.replacing()
@@ -89,13 +102,14 @@ impl Log {
             let place = recorder.place();
             notice!("luna: {asked} is there already, so this run is recorded to {place}");
         }
-        let session = Session(Some(recorder));
+        let session = Session(Some(recorder), shown);
         #[cfg(feature = "events")]
         if self.0.records_events() {
             // Those that are made from now on are named as they are made.
             for place in luna_channels::inspect::wait_points() {
                 if let Some(kind) = place.kind.in_events() {
-                    self.0.name(kind, place.id as u32, place.name_in_events());
+                    let (number, of) = (place.id as u32, place.buffer_in_events());
+                    self.0.name(kind, number, of, place.name_in_events());
                 }
             }
         }
@@ -132,12 +146,16 @@ fn with_events(recording: Logging) -> Logging {
     recording
 }
 
-/// A recording that is under way, if there is one.
-pub(crate) struct Session(Option<Recorder>);
+/// A recording that is under way, if there is one, and the scope that shows it.
+pub(crate) struct Session(Option<Recorder>, Shown);
 
 impl Session {
     /// Ends it; once it `is_hurried`, without a wait for the sink.
-    pub(crate) fn finish(self, is_hurried: impl Fn() -> bool) -> Option<LoggingReport> {
-        self.0.map(|recorder| recorder.finish_unless(is_hurried))
+    pub(crate) fn finish(self, is_hurried: impl Fn() -> bool) -> (Option<LoggingReport>, Shown) {
+        let Self(recorder, shown) = self;
+        (
+            recorder.map(|recorder| recorder.finish_unless(is_hurried)),
+            shown,
+        )
     }
 }

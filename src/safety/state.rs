@@ -78,6 +78,16 @@ pub enum Cause {
     Reset(Error),
 }
 
+impl Cause {
+    /// The signal by which somebody stopped the program: SIGINT (Ctrl-C), SIGTERM or SIGHUP.
+    fn stop(&self) -> Option<i32> {
+        match self {
+            Cause::Signal(number @ (1 | 2 | 15)) => Some(*number),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -125,7 +135,11 @@ impl SafetyEvent {
 
 impl fmt::Display for SafetyEvent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.degree, self.cause)?;
+        match self.cause.stop() {
+            // The functions of an emergency run, but nothing is wrong.
+            Some(number) => write!(f, "stopped by {}", signals::name(number))?,
+            None => write!(f, "{}: {}", self.degree, self.cause)?,
+        }
         match (&self.who, self.process) {
             (Some(name), _) => write!(f, ", by process `{name}`"),
             (None, Some(id)) => write!(f, ", by process {id}"),
@@ -282,13 +296,14 @@ impl Journal {
     /// Records the new degree. The book is locked meanwhile, so that the last record is the current
     /// degree. Recording is wait-free, except on a thread without a ring: there it takes a lock
     /// that is held for a few moves, and under which no other lock is taken.
-    fn report(&self, _: &Book, degree: Degree, process: Option<ProcessId>) {
+    /// `stop` is the signal that asked for an end, 0 if none did.
+    fn report(&self, _: &Book, degree: Degree, process: Option<ProcessId>, stop: u64) {
         #[cfg(test)]
         self.reported.lock().unwrap().push(degree);
         if let Some(log) = self.log.get() {
             // 0: from outside of processes.
             let of = process.map_or(0, ProcessId::get);
-            log.report(code::EMERGENCY, of, [degree as u64, 0]);
+            log.report(code::EMERGENCY, of, [degree as u64, stop]);
         }
     }
 
@@ -307,6 +322,7 @@ impl Journal {
         let event = SafetyEvent::now(degree, cause);
         let mut changes = false;
         let by = event.process;
+        let stop = event.cause.stop().map_or(0, i32::unsigned_abs).into();
         // After the event is made: an event that is not kept is user data, and dropped without the
         // lock.
         let mut book = self.book.lock();
@@ -330,7 +346,7 @@ impl Journal {
         let left = book.keep(&self.kept, event, latches);
         // A crash has made it that bad before it is noted here.
         if changes || latches.is_some() && degree >= self.degree() {
-            self.report(&book, degree, by);
+            self.report(&book, degree, by, stop);
         }
         drop(book);
         drop(left);
@@ -378,7 +394,7 @@ impl Journal {
         );
         let by = event.process;
         let left = book.keep(&self.kept, event, None);
-        self.report(&book, Degree::Normal, by);
+        self.report(&book, Degree::Normal, by, 0);
         drop(book);
         drop((former, left));
         Ok(())

@@ -188,9 +188,10 @@ fn channel_part(wait_point: &WaitPointView, names: &HashMap<ProcessId, String>) 
     });
     ChannelPart {
         name: wait_point.name.clone(),
-        made_at: wait_point.made_at.to_string(),
+        made_at: wait_point.place(),
         kind: wait_point.kind,
         buffered: wait_point.buffered,
+        overwrites: wait_point.overwrites,
         external: wait_point.external,
         ended: wait_point.ended,
         sender: wait_point.sender.map(user),

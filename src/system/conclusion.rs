@@ -5,6 +5,7 @@ use super::register::Register;
 use super::stolen::Stolen;
 use super::warnings::Warnings;
 use crate::error::{Error, Result};
+use crate::log::Shown;
 use crate::notice::notice;
 use crate::replay::RecordError;
 use crate::report::{End, Report};
@@ -29,6 +30,8 @@ pub(super) struct Ended {
     pub(super) was_emergency: bool,
     pub(super) stolen: Stolen,
     pub(super) running: Arc<Running>,
+    /// What viewers see.
+    pub(super) shown: Shown,
 }
 
 /// Makes the report, which the plan keeps, and gives it or the error of the run. It waits for what
@@ -55,12 +58,15 @@ pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool)
         end,
         processes: started.reports(),
         earlier: started.earlier(),
+        ended_at: (running.common.ended_at)
+            .named(&|process| started.name(process).map(str::to_owned)),
         loops: running.common.scope.take_reports(&known),
         stand_ins: plan.stand_ins().replaced(),
         deployment: plan.deployment().map(|deployment| deployment.report()),
         record: recorded.as_ref().ok().copied().flatten(),
         ..ended.report
     };
+    ended.shown.ended(&report.end);
     let livelock = livelock(started, standstill, running.common.clock.now());
     if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
         // The first cause of the system's end, though a graver error followed.
@@ -84,7 +90,16 @@ pub(super) fn conclude(plan: &Plan, ended: Ended, is_hurried: &dyn Fn() -> bool)
     };
     members.report = Some(report.clone());
     match error {
-        Some(error) => Err(error),
+        Some(error) => {
+            // A test on a virtual clock asks for it; a machine's operator has nothing else.
+            if !report.clock.is_virtual() {
+                // The error has the deadlock.
+                let deadlock = None;
+                let text = Report { deadlock, ..report }.to_string();
+                notice!("{}", text.trim_end());
+            }
+            Err(error)
+        }
         None => Ok(report),
     }
 }

@@ -221,7 +221,7 @@ fn place(wait_point: &WaitPointView) -> String {
     let kind = kind_name(wait_point.kind);
     match &wait_point.name {
         Some(name) => format!("{kind} `{name}`"),
-        None => format!("the {kind} made at {}", wait_point.made_at),
+        None => format!("the {kind} made at {}", wait_point.place()),
     }
 }
 

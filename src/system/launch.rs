@@ -11,6 +11,7 @@ use super::neighbours;
 use super::plan::{Phase, Plan, ProcessPlan, Running, Settings};
 use super::register::REMEMBERED;
 use crate::csp::composition::{ThreadKind, ThreadPart};
+use crate::csp::failed_at::EndedAtChannels;
 use crate::csp::process::Common;
 use crate::error::{Error, Result, SetupError};
 use crate::log::Session;
@@ -140,7 +141,8 @@ fn launch_described(
     shortfalls.extend(guard.shortfalls().iter().map(Shortfall::of));
     let opening = Opening::new(&emergency);
     let asked = std::mem::take(&mut settings.logging);
-    let recording = log.start(is_virtual, asked, settings.replaces, &opening)?;
+    let shown = parameters::Parameters::new(plan.parameters.clone());
+    let recording = log.start(is_virtual, asked, settings.replaces, &opening, shown)?;
     let recorded = settings.replay_logs.recorded_parameters();
     let file = match plan.parameters.file() {
         Some(file) if recorded.is_none() => {
@@ -208,6 +210,7 @@ fn launch_described(
             tree: plan.tree.clone(),
             registry: registry.clone(),
             clock: clock.clone(),
+            ended_at: EndedAtChannels::new(),
             log,
             replay_logs,
         }),

@@ -291,6 +291,8 @@ impl System {
     ///
     /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to
     /// that file, `LUNA_LOG=tcp://HOST:PORT` (or `udp://`) to `luna record` on another computer.
+    /// `LUNA_SCOPE=1`, or the address to listen on, shows the run in the browser, also beside a
+    /// recording (feature `scope`).
     ///
     /// ```
     /// use luna::prelude::*;
@@ -491,6 +493,11 @@ impl System {
     /// at once; SIGHUP and SIGQUIT only if the program neither handles nor ignores them.
     ///
     /// # Errors
+    ///
+    /// A process whose body returns [`Error::Closed`](crate::Error::Closed) has ended in order, and is
+    /// no error: its partners have ended ([`Report::ended_at`] names the channels). With any error of
+    /// a run on the machine's clock, the report is printed on standard error, and
+    /// [`report`](Self::report) returns it.
     ///
     /// A [`SetupError`] if the system cannot be started (also if a signal comes while a file does
     /// not answer: [`StartInterrupted`](SetupError::StartInterrupted)), is inside a process, or has

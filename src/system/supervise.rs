@@ -201,7 +201,7 @@ fn end(
         not(feature = "logger"),
         expect(unused_variables, reason = "without the logger there is none")
     )]
-    let logging = launched
+    let (logging, shown) = launched
         .recording
         .finish(|| safety_threads.emergency.late_signal().is_some());
     let ended = Ended {
@@ -227,6 +227,7 @@ fn end(
         was_emergency,
         stolen,
         running,
+        shown,
     };
     (ended, safety_threads.emergency)
 }

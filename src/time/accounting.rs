@@ -74,7 +74,7 @@ pub(crate) fn short(duration: Duration) -> String {
     let nanos = duration.as_nanos() as f64;
     match nanos {
         ..1e3 => format!("{nanos} ns"),
-        1e3..1e6 => format!("{:.1} us", nanos / 1e3),
+        1e3..1e6 => format!("{:.1} µs", nanos / 1e3),
         1e6..1e9 => format!("{:.2} ms", nanos / 1e6),
         _ => format!("{:.2} s", nanos / 1e9),
     }
@@ -111,7 +111,7 @@ mod tests {
     fn durations_are_short() {
         for (nanos, text) in [
             (999, "999 ns"),
-            (1_500, "1.5 us"),
+            (1_500, "1.5 µs"),
             (3_210_000, "3.21 ms"),
             (2_000_000_000, "2.00 s"),
         ] {

@@ -272,7 +272,7 @@ mod tests {
         );
         let text = one.to_string();
         assert!(
-            text.starts_with("slot 1: 310.0 us late; the cycle before overran by 300.0 us (96 %)"),
+            text.starts_with("slot 1: 310.0 µs late; the cycle before overran by 300.0 µs (96 %)"),
             "{text}"
         );
         assert_eq!(

@@ -401,3 +401,31 @@ fn looking_from_many_threads_disturbs_nobody() {
         assert!(looker.join().unwrap() > 0);
     }
 }
+
+#[test]
+fn channels_of_one_line_are_told_apart_by_their_numbers() {
+    let line = line!() + 1;
+    let make = || luna::buffered::<u32>(Buffer::overwrite_oldest(1));
+    let (first, second) = (make(), make());
+    let (mut system, seen) = (System::new("twins"), Arc::new(Mutex::new(Vec::new())));
+    let (observer, notes) = (system.observer(), seen.clone());
+    let main = system.executor("main").build().unwrap();
+    main.process("uses").spawn_ok(async move {
+        for (sender, receiver) in [&first, &second] {
+            sender.send(1).await?;
+            receiver.recv().await?;
+        }
+        let here = format!("{}:{line}:", file!());
+        let channels = observer.composition().channels.into_iter();
+        let of_this_line = channels.filter(|part| part.made_at.starts_with(&here));
+        let places = of_this_line.map(|part| (part.made_at, part.overwrites));
+        *notes.lock().unwrap() = places.collect();
+        Ok(())
+    });
+    system.run().unwrap();
+    let places = seen.lock().unwrap();
+    let [(one, true), (other, true)] = &places[..] else {
+        panic!("{places:?}")
+    };
+    assert_eq!(*other, format!("{one} (2)"));
+}

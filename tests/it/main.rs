@@ -83,5 +83,6 @@ mod unwind;
 mod usage;
 mod virtual_clock;
 mod virtual_traces;
+mod watch;
 mod watchdog;
 mod write_signals;

@@ -1,7 +1,7 @@
 //! The report: threads as obtained, processes with their exits, a row for each loop.
 
 use crate::common;
-use common::{COMPLETE, SpawnOk, has_real_time, in_process, skip, watchdog};
+use common::{COMPLETE, PLACEMENTS, SpawnOk, has_real_time, in_process, skip, watchdog};
 use luna::prelude::*;
 use luna::{End, Error, Exit, Report};
 use std::time::Duration;
@@ -288,4 +288,84 @@ fn a_process_that_returned_an_error_has_failed() {
         "{report}"
     );
     assert_eq!(report.processes[1].exit, Some(Exit::Completed));
+}
+
+/// The same on executor and thread, sending and receiving; of several, each is named.
+#[test]
+fn an_end_at_a_channel_is_in_order_and_names_it() {
+    for place in PLACEMENTS {
+        let mut system = System::new("ends");
+        let (level, levels) = luna::channel::<u32>();
+        let (level, made) = (level.named("level"), line!() - 1);
+        let (report_to, reports) = luna::channel::<u32>();
+        place
+            .process(&mut system, "tank", "pump")
+            .spawn_ok(async move {
+                let _held = report_to;
+                loop {
+                    level.send(7).await?;
+                }
+            });
+        place
+            .process(&mut system, "hall", "display")
+            .spawn_ok(async move {
+                levels.recv().await?;
+                Ok(())
+            });
+        place
+            .process(&mut system, "office", "reader")
+            .spawn_ok(async move {
+                loop {
+                    reports.recv().await?;
+                }
+            });
+        let report = system.run().unwrap();
+        assert!(report.processes.iter().all(|process| !process.failed));
+        let pump = &report.ended_at[0];
+        assert_eq!(
+            (pump.process.as_str(), pump.sends, pump.poisoned),
+            ("pump", true, false)
+        );
+        assert_eq!(
+            (pump.channel.as_deref(), pump.partner.as_deref()),
+            (Some("level"), Some("display"))
+        );
+        let place = format!("{}:{made}", file!());
+        let place = pump
+            .made_at
+            .strip_prefix(&place)
+            .map(|nth| place.clone() + nth);
+        let place = place.expect("it was made there");
+        let line = format!(
+            "process `pump` ended: the receivers of channel `level`, made at {place}, are gone; the last \
+             of its receivers was process `display`"
+        );
+        assert_eq!(pump.to_string(), line);
+        assert!(report.to_string().contains(&line), "{report}");
+        let reader = &report.ended_at[1];
+        assert_eq!(
+            (
+                reader.process.as_str(),
+                reader.sends,
+                reader.channel.as_deref()
+            ),
+            ("reader", false, None)
+        );
+    }
+}
+
+#[test]
+fn poison_is_an_error_and_names_its_channel() {
+    let mut system = System::new("poisoned");
+    let main = system.executor("main").build().unwrap();
+    let (level, _levels) = luna::channel::<u32>();
+    main.process("pump").spawn_ok(async move {
+        level.poison();
+        level.send(7).await?;
+        Ok(())
+    });
+    assert!(system.run().unwrap_err().is_poisoned());
+    let report = system.report().unwrap();
+    assert!(report.ended_at[0].poisoned, "{:?}", report.ended_at);
+    assert!(report.to_string().contains("is poisoned, or a sibling"));
 }

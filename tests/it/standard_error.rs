@@ -28,13 +28,10 @@ fn play(part: &str) {
     match part {
         "two fail" => {
             let main = system.executor("main").build().unwrap();
-            let (output, input) = luna::channel::<()>();
-            main.process("drive").spawn_ok(async move {
-                let _output = output;
-                Err(Error::other("no encoder"))
-            });
-            main.process("brake")
-                .spawn_ok(async move { Ok(input.recv().await?) });
+            for (name, error) in [("drive", "no encoder"), ("brake", "no air")] {
+                let fails = async move { Err(Error::other(error)) };
+                main.process(name).spawn_ok(fails);
+            }
             report(system.run());
         }
         "one goes on" => {
@@ -114,10 +111,17 @@ fn part() {
     }
 }
 
+/// Without the report that a run with an error prints: its table's lines are indented.
+fn without_report(errors: &str) -> Vec<String> {
+    let all = errors.lines();
+    let rest = all.filter(|line| !line.starts_with("system `") && !line.starts_with("  main "));
+    rest.map(str::to_owned).collect()
+}
+
 fn lines_of(part: &str) -> Vec<String> {
     let Ended { status, errors, .. } = Program::start(part).end();
     assert!(status.success(), "{errors}");
-    errors.lines().map(str::to_owned).collect()
+    without_report(&errors)
 }
 
 #[test]
@@ -156,7 +160,9 @@ fn the_error_of_a_process_is_printed_while_the_others_go_on() {
     );
     program.close_input();
     let ended = program.end();
-    assert_eq!((ended.status.success(), &*ended.errors), (true, ""));
+    assert!(ended.status.success());
+    assert_eq!(without_report(&ended.errors), [""; 0]);
+    assert!(ended.errors.starts_with("system `one goes on`: completed"));
 }
 
 #[test]

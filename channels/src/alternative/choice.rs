@@ -22,9 +22,9 @@ use super::guard::Attempt;
 #[cfg(doc)]
 use super::guard::RawGuard;
 use super::locks::{Locks, Own};
-use super::offer::Offer;
+use super::offer::{Offer, PlainOffer};
 use super::stop::Stop;
-use crate::core::{FastPath, part_alone};
+use crate::core::{FastPath, meet_alone};
 use crate::finally::Finally;
 use crate::in_place::InPlace;
 use crate::select_state::{Limit, Owner, SelectState};
@@ -65,7 +65,7 @@ enum State {
 ///
 /// From `Listed` on, the select state is there. In `Listed` it was opened, and guards may be listed
 /// and lead to it; in any other state none is. Unless it is open, it has nothing to be dropped but
-/// its locks.
+/// its locks. If it `is_plain`, all guards are plain.
 #[must_use = "an alternative does nothing unless awaited"]
 #[repr(C)]
 pub struct Choice<'b, 'a> {
@@ -74,7 +74,11 @@ pub struct Choice<'b, 'a> {
     state: State,
     is_fair: bool,
     has_skip: bool,
+    /// There is no `skip`, and all guards are plain.
+    is_plain: bool,
     has_select_state: bool,
+    /// The greatest stamp among the ends when they were looked at.
+    greatest: u64,
     // What is not written at first lies behind what is.
     stop: Stop,
     select_state: MaybeUninit<SelectState>,
@@ -102,11 +106,14 @@ pub fn choose<'b, 'a, const N: usize>(
             "an alternative has at most 32 guards: use `Alternative` for more channels"
         )
     };
+    let is_plain = !has_skip && offers.iter().all(|offer| offer.plain().is_some());
     Choice {
         offers,
         is_fair,
         has_skip,
+        is_plain,
         has_select_state: false,
+        greatest: 0,
         state: State::New,
         select_state: MaybeUninit::uninit(),
         stop: Stop::new(),
@@ -160,50 +167,63 @@ impl<'a> Choice<'_, 'a> {
     /// alone too, and none calls anything.
     #[inline(never)]
     fn begin_plain(&mut self, plain: PlainTurn<'_>, turn: Turn<'_>) -> Poll<u32> {
-        let (mut entered, mut ready, mut least) = (0_u32, None, u64::MAX);
-        let mut is_other = self.has_skip;
-        for (number, offer) in self.offers.iter().enumerate() {
-            // One behind a ready one, in the order of preference, cannot be chosen.
-            if ready.is_some() && (!self.is_fair || offer.stamp() >= least) {
-                continue;
-            }
-            let (Some(wait_point), Some(_)) = (offer.wait_point(), offer.plain()) else {
-                is_other = true;
-                break;
-            };
-            let Some(mut lists) = wait_point.enter_in(plain.here()) else {
-                is_other = true;
-                break;
-            };
-            entered |= 1 << number;
-            if !lists.waiting.is_idle() {
-                if lists.waiting.one(!offer.of_sender()).is_some() {
-                    (ready, least) = (Some(number), offer.stamp());
-                } else {
-                    is_other |= !is_idle_without_queues(&mut lists);
+        if !self.is_plain {
+            return self.begin_other(plain, turn);
+        }
+        // The bit of the guard that is looked at, those that were entered, and that of the ready
+        // one. Only one with a stamp below `least` is preferred to it.
+        let (mut bit, mut entered, mut ready) = (1_u32, 0_u32, 0_u32);
+        let (mut least, mut greatest) = (u64::MAX, 0);
+        let mut is_other = false;
+        for offer in self.plain_offers() {
+            let stamp = offer.stamp.get();
+            greatest = greatest.max(stamp);
+            if stamp < least {
+                let Some(mut lists) = offer.wait_point.enter_in(plain.here()) else {
+                    is_other = true;
+                    break;
+                };
+                entered |= bit;
+                if !lists.waiting.is_idle() {
+                    if lists.waiting.one(!offer.of_sender).is_some() {
+                        ready = bit;
+                        least = if self.is_fair { stamp } else { 0 };
+                    } else {
+                        is_other |= !is_idle_without_queues(&mut lists);
+                    }
                 }
+                lists.keep();
             }
-            lists.keep();
+            bit <<= 1;
         }
         if is_other {
             self.leave(entered, plain);
             return self.begin_other(plain, turn);
         }
-        if let Some(number) = ready {
-            self.leave(entered & !(1 << number), plain);
-            return self.meet(number, plain);
+        self.greatest = greatest;
+        if ready != 0 {
+            self.leave(entered & !ready, plain);
+            return self.meet(ready.trailing_zeros(), plain);
         }
         self.wait_alone(plain);
         Poll::Pending
     }
 
+    /// What the guards offer, if all are plain; nothing otherwise.
+    #[inline(always)]
+    fn plain_offers(&self) -> impl Iterator<Item = PlainOffer<'a>> {
+        let offers: &[_] = if self.is_plain { self.offers } else { &[] };
+        // SAFETY: by the invariant each guard is plain.
+        offers.iter().map(|offer| unsafe { offer.plain_offer() })
+    }
+
     /// Releases the locks of these guards' wait points, which were kept.
     #[inline(always)]
-    fn leave(&self, entered: u32, plain: PlainTurn<'_>) {
-        for (number, offer) in self.offers.iter().enumerate() {
-            if entered & (1 << number) != 0
-                && let Some(wait_point) = offer.wait_point()
-            {
+    fn leave(&self, mut entered: u32, plain: PlainTurn<'_>) {
+        while entered != 0 {
+            let number = entered.trailing_zeros();
+            entered &= entered - 1;
+            if let Some(wait_point) = self.offers[number as usize].wait_point() {
                 // SAFETY: this thread has kept the lock, and takes it back once.
                 drop(unsafe { wait_point.kept(plain) });
             }
@@ -213,28 +233,21 @@ impl<'a> Choice<'_, 'a> {
     /// Lets the guard that the prologue has found ready meet the partner that waits alone, and the
     /// partner go. Its lock was kept.
     #[inline(always)]
-    fn meet(&mut self, number: usize, plain: PlainTurn<'_>) -> Poll<u32> {
-        self.note_choice(number as u32);
-        self.state = State::GaveWay(number as u32);
-        let offer = &mut self.offers[number];
-        let of_sender = offer.of_sender();
-        let (Some(wait_point), Some(guard)) = (offer.wait_point(), offer.guard_mut()) else {
-            unreachable!("a guard without a wait point has a partner");
-        };
-        // SAFETY: the lock was kept, and is taken back once. The guard is plain and new, and the
-        // partner is noted at the other side of its wait point. Then the value was moved, and the
-        // partner waits alone.
+    fn meet(&mut self, number: u32, plain: PlainTurn<'_>) -> Poll<u32> {
+        self.note_choice(number);
+        self.state = State::GaveWay(number);
+        // SAFETY: the prologue looks at plain guards alone. The lock was kept, and is taken back
+        // once. The guard is new, and the partner is noted as alone at the other side of its wait
+        // point.
         let result = unsafe {
-            let lists = wait_point.kept(plain);
-            let partner = lists.waiting.one(!of_sender).unwrap_unchecked();
-            guard.meet(partner);
-            part_alone(wait_point, lists, partner, of_sender, plain)
+            let offer = self.offers[number as usize].plain_offer();
+            meet_alone(offer.wait_point, offer.waiter, offer.of_sender, plain)
         };
         if result == FastPath::GaveWay {
             return Poll::Pending;
         }
         self.state = State::Over;
-        Poll::Ready(number as u32)
+        Poll::Ready(number)
     }
 
     /// Lets all guards wait alone, and releases the locks, which were kept.
@@ -242,18 +255,18 @@ impl<'a> Choice<'_, 'a> {
     fn wait_alone(&mut self, plain: PlainTurn<'_>) {
         let select_state = self.open(plain, None);
         let user = LastUser::process(plain.process().id());
-        for (number, offer) in self.offers.iter().enumerate() {
-            if let (Some(wait_point), Some(waiter)) = (offer.wait_point(), offer.plain()) {
-                // SAFETY: this thread has kept the lock, and takes it back once. The node is new,
-                // so no other thread knows it; it is withdrawn before it and the select state go.
-                let mut lists = unsafe {
-                    let lists = wait_point.kept(plain);
-                    Waiter::begin_guard_alone(waiter, select_state, number as u32);
-                    lists
-                };
-                lists.note_user(offer.of_sender(), user);
-                lists.waiting = Waiting::alone_guard(waiter.cast(), offer.of_sender());
-            }
+        let mut number = 0;
+        for offer in self.plain_offers() {
+            // SAFETY: this thread has kept the lock, and takes it back once. The node is new, so no
+            // other thread knows it; it is withdrawn before it and the select state go.
+            let mut lists = unsafe {
+                let lists = offer.wait_point.kept(plain);
+                Waiter::begin_guard_alone(offer.waiter, select_state, number);
+                lists
+            };
+            lists.note_user(offer.of_sender, user);
+            lists.waiting = Waiting::alone_guard(offer.waiter.cast(), offer.of_sender);
+            number += 1;
         }
     }
 
@@ -311,7 +324,11 @@ impl<'a> Choice<'_, 'a> {
         'a: 'l,
     {
         let (mut candidates, user) = (0, LastUser::of(turn.here().user()));
+        self.greatest = 0;
         for (number, offer) in self.offers.iter().enumerate() {
+            if self.is_fair {
+                self.greatest = self.greatest.max(offer.stamp());
+            }
             let may_be_ready = match offer.wait_point() {
                 Some(wait_point) => locks.reach(wait_point, |lists| {
                     lists.leave_queues();
@@ -405,11 +422,7 @@ impl<'a> Choice<'_, 'a> {
         if self.is_fair
             && let Some(chosen) = self.offers.get(number as usize)
         {
-            let mut greatest = 0;
-            for offer in &*self.offers {
-                greatest = greatest.max(offer.stamp());
-            }
-            chosen.choose(greatest);
+            chosen.choose(self.greatest);
         }
     }
 
@@ -430,8 +443,16 @@ impl<'a> Choice<'_, 'a> {
     #[inline(always)]
     fn withdraw_but(&mut self, chosen: usize, turn: Turn<'_>) {
         for (number, offer) in self.offers.iter_mut().enumerate() {
-            if number != chosen {
+            if number == chosen {
+                continue;
+            }
+            if !self.is_plain {
                 offer.withdraw(turn.here());
+                continue;
+            }
+            // SAFETY: all guards were listed, and by the invariant all are plain.
+            if !unsafe { offer.plain_offer().withdraw(turn.here()) } {
+                offer.withdraw_listed();
             }
         }
     }

@@ -93,7 +93,7 @@ pub struct Terms {
     pub(crate) stamp: Option<NonNull<Stamp>>,
     /// The node of a plain guard: a send without a closure, or a receive that holds no sender. It
     /// is that of a waiter, which a partner in a plain turn may meet where it waits alone. Such a
-    /// guard also has [`meet`](RawGuard::meet) and [`note_listed`](RawGuard::note_listed).
+    /// guard also has a stamp, and [`note_begun`](RawGuard::note_begun).
     pub(crate) plain: Option<NonNull<WaitNode>>,
     pub(crate) of_sender: bool,
     /// Whether it is chosen, and [fails](RawGuard::fail), when a sibling branch has failed. A call
@@ -125,8 +125,8 @@ impl Terms {
 ///
 /// # Safety
 ///
-/// The wait point and the stamp of its terms outlive the guard, and its plain node is its own. A
-/// guard that is dropped while it is listed takes its node off the list. The default methods suit a
+/// The wait point and the stamp of its terms outlive the guard, and its plain node is its own; one
+/// with a plain node has both. A guard that is dropped while it is listed takes its node off the list. The default methods suit a
 /// guard without a wait point. One that has a wait point brings its own `list`, `withdraw` and
 /// `poll_chosen`.
 pub unsafe trait RawGuard {
@@ -217,14 +217,7 @@ pub unsafe trait RawGuard {
         false
     }
 
-    /// It is plain, and was listed without [`list`](Self::list).
-    fn note_listed(self: Pin<&mut Self>) {}
-
-    /// Moves the value between it and a partner: it is done.
-    ///
-    /// # Safety
-    ///
-    /// It is plain and new. `partner` is the node of a waiting plain operation at the other side of
-    /// its channel, the lock of which is held by this thread.
-    unsafe fn meet(self: Pin<&mut Self>, _partner: NonNull<WaitNode>) {}
+    /// It is plain, and its node knows what has come of it: it waits there without
+    /// [`list`](Self::list), or was met without [`attempt`](Self::attempt).
+    fn note_begun(self: Pin<&mut Self>) {}
 }

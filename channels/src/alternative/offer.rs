@@ -5,6 +5,7 @@ use super::guard::{Guard, RawGuard, Terms};
 use super::when::{Due, When};
 use crate::barrier::SyncOp;
 use crate::operation::{Direction, Operation};
+use crate::stamp::Stamp;
 use crate::wait_point::{WaitPoint, Waiting};
 use crate::waiter::{Outcome, Waiter};
 use core::marker::PhantomPinned;
@@ -184,6 +185,14 @@ pub struct Offer<'a> {
     terms: Terms,
 }
 
+/// What a plain guard offers.
+pub(super) struct PlainOffer<'a> {
+    pub(super) wait_point: &'a WaitPoint,
+    pub(super) stamp: &'a Stamp,
+    pub(super) waiter: NonNull<Waiter<()>>,
+    pub(super) of_sender: bool,
+}
+
 impl core::fmt::Debug for Offer<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_tuple("Offer").field(&self.terms).finish()
@@ -241,6 +250,26 @@ impl<'a> Offer<'a> {
         self.terms.of_sender
     }
 
+    /// What it offers, which is plain.
+    ///
+    /// # Safety
+    ///
+    /// It is.
+    #[inline(always)]
+    pub(super) unsafe fn plain_offer(&self) -> PlainOffer<'a> {
+        debug_assert!(self.plain().is_some());
+        // SAFETY: it is plain, as is demanded here. So it has a wait point and a stamp, by the
+        // promise of `RawGuard`, and they outlive the guard, which is borrowed for `'a`.
+        unsafe {
+            PlainOffer {
+                wait_point: self.terms.wait_point.unwrap_unchecked().as_ref(),
+                stamp: self.terms.stamp.unwrap_unchecked().as_ref(),
+                waiter: self.terms.plain.unwrap_unchecked().cast(),
+                of_sender: self.terms.of_sender,
+            }
+        }
+    }
+
     pub(super) fn can_fail(&self) -> bool {
         self.terms.can_fail
     }
@@ -283,18 +312,10 @@ impl<'a> Offer<'a> {
             return;
         };
         if let Some(waiter) = self.plain() {
-            // SAFETY: it was listed, so its node was begun. Under the lock of its wait point one
-            // that is noted there as alone waits, and is noted there no more when it is settled.
-            unsafe {
-                if !Waiter::is_waiting(waiter) {
-                    return;
-                }
-                if let Some(mut lists) = wait_point.enter_in(here)
-                    && lists.waiting == Waiting::alone_guard(waiter.cast(), self.of_sender())
-                {
-                    lists.set_nothing_waits();
-                    return Waiter::set_outcome(waiter, Outcome::Stale);
-                }
+            let of_sender = self.of_sender();
+            // SAFETY: it was listed, so its node was begun.
+            if unsafe { withdraw_alone(wait_point, waiter, of_sender, here) } {
+                return;
             }
         }
         self.withdraw_listed();
@@ -304,9 +325,52 @@ impl<'a> Offer<'a> {
     #[inline(never)]
     pub(super) fn withdraw_listed(&mut self) {
         if let Some(mut guard) = self.guard_mut() {
-            guard.as_mut().note_listed();
+            guard.as_mut().note_begun();
             // SAFETY: this is the guard's alternative.
             unsafe { guard.withdraw() };
         }
+    }
+}
+
+impl PlainOffer<'_> {
+    /// Withdraws it, if that needs no step of the guard's own.
+    ///
+    /// # Safety
+    ///
+    /// It was listed.
+    #[inline(always)]
+    pub(super) unsafe fn withdraw(&self, here: Here<'_>) -> bool {
+        // SAFETY: as is demanded here.
+        unsafe { withdraw_alone(self.wait_point, self.waiter, self.of_sender, here) }
+    }
+}
+
+/// Takes the node of a plain guard off that waits alone. `false`: it waits in another way.
+///
+/// # Safety
+///
+/// It is that of a plain guard at `wait_point`, and was begun.
+#[inline(always)]
+unsafe fn withdraw_alone(
+    wait_point: &WaitPoint,
+    waiter: NonNull<Waiter<()>>,
+    of_sender: bool,
+    here: Here<'_>,
+) -> bool {
+    // SAFETY: the node was begun. Under the lock of its wait point one that is noted there as alone
+    // waits, and is noted there no more when it is settled.
+    unsafe {
+        if !Waiter::is_waiting(waiter) {
+            return true;
+        }
+        let Some(mut lists) = wait_point.enter_in(here) else {
+            return false;
+        };
+        let is_alone = lists.waiting == Waiting::alone_guard(waiter.cast(), of_sender);
+        if is_alone {
+            lists.set_nothing_waits();
+            Waiter::set_outcome(waiter, Outcome::Stale);
+        }
+        is_alone
     }
 }

@@ -172,11 +172,14 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
     const PLAIN: bool = false;
     const ANSWERED: bool = true;
 
-    fn succeeded<'a>(_: &mut CallOp<'a, Q, A>) -> A {
+    unsafe fn succeeded<'a>(_: &mut CallOp<'a, Q, A>) -> A {
         unreachable!("a call is answered")
     }
 
-    fn communicated<'a>(call: &mut CallOp<'a, Q, A>, outcome: Outcome) -> Result<A, CallError<Q>> {
+    unsafe fn communicated<'a>(
+        call: &mut CallOp<'a, Q, A>,
+        outcome: Outcome,
+    ) -> Result<A, CallError<Q>> {
         match outcome {
             // SAFETY: an answered node holds a value, and no other thread knows it.
             Outcome::Answered => match unsafe { call.take_value() } {
@@ -191,7 +194,7 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
         }
     }
 
-    fn failed(call: &mut CallOp<'_, Q, A>, poisoned: bool) -> CallError<Q> {
+    unsafe fn failed(call: &mut CallOp<'_, Q, A>, poisoned: bool) -> CallError<Q> {
         // SAFETY: the call failed, so its request is still here, and no other thread knows the node
         // any more.
         match (unsafe { call.take_value() }, poisoned) {
@@ -211,7 +214,7 @@ impl<Q, A> Direction<Message<Q, A>> for Calling {
         Some(Err(CallError::Unanswered))
     }
 
-    fn dropped(call: &mut CallOp<'_, Q, A>, outcome: Outcome) {
+    unsafe fn dropped(call: &mut CallOp<'_, Q, A>, outcome: Outcome) {
         if !matches!(outcome, Outcome::Done | Outcome::Held) {
             // SAFETY: the request is still here, or the answer is, and no other thread knows the
             // node any more.

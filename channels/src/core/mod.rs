@@ -28,7 +28,7 @@ pub(crate) use hand_off::{HandOff, HandOffSlots, Nodes};
 pub(crate) use locked::{Attempted, ChannelGuard, Locked};
 #[cfg(all(test, loom))]
 pub(crate) use prologue::taken;
-pub(crate) use prologue::{FastPath, Meet, part_alone, wake_partner};
+pub(crate) use prologue::{FastPath, Meet, meet_alone, wake_partner};
 
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
@@ -395,7 +395,8 @@ impl<T> Channel<T> {
             return;
         };
         let outcome = last(sender);
-        // SAFETY: it is in the list, so it is a live waiter that the lock guards; its result is set.
+        // SAFETY: it is in the list, so it is a live waiter that the lock guards; its result is
+        // set.
         let ready = unsafe {
             locked.lists.held.remove(sender.cast());
             Waiter::settle(sender, outcome)

@@ -129,33 +129,40 @@ impl<'a, const SEND: bool> Plain<'a, SEND> {
             false => self.wait_point().revoked(FastPath::Waits),
         }
     }
+}
 
-    /// The node of the sender, and that of the receiver.
-    #[inline(always)]
-    fn nodes_of(self, partner: NonNull<WaitNode>) -> (NonNull<Waiter<()>>, NonNull<Waiter<()>>) {
-        match SEND {
-            true => (self.node, partner.cast()),
-            false => (partner.cast(), self.node),
-        }
+/// The node of the sender, and that of the receiver.
+#[inline(always)]
+fn nodes_of<const SEND: bool>(
+    node: NonNull<Waiter<()>>,
+    partner: NonNull<WaitNode>,
+) -> (NonNull<Waiter<()>>, NonNull<Waiter<()>>) {
+    match SEND {
+        true => (node, partner.cast()),
+        false => (partner.cast(), node),
     }
+}
 
-    /// Moves a value of any type.
-    ///
-    /// # Safety
-    ///
-    /// The lock is held. The partner waited for an operation of this side, and is not settled.
-    #[inline(always)]
-    unsafe fn move_value(self, partner: NonNull<WaitNode>) {
-        let (from, to) = self.nodes_of(partner);
-        // SAFETY: of the two nodes the sender's holds a value and the receiver's none: this one by
-        // the invariants, the partner's since it is not settled. The lock is held, so no other
-        // thread accesses them. A channel gives its wait point the mover for the type of its
-        // values, or none if a word holds one.
-        unsafe {
-            match self.wait_point().identity.values.mover {
-                Some(mover) => mover(from, to),
-                None => Waiter::move_word(from, to),
-            }
+/// Moves a value of any type.
+///
+/// # Safety
+///
+/// The lock of `wait_point` is held. `node` is that of a new plain operation of this side there. The
+/// partner waited for one, and is not settled.
+#[inline(always)]
+unsafe fn move_value<const SEND: bool>(
+    wait_point: &WaitPoint,
+    node: NonNull<Waiter<()>>,
+    partner: NonNull<WaitNode>,
+) {
+    let (from, to) = nodes_of::<SEND>(node, partner);
+    // SAFETY: of the two nodes the sender's holds a value and the receiver's none, since one is new
+    // and the other not settled. The lock is held, so no other thread accesses them. A channel
+    // gives its wait point the mover for the type of its values, or none if a word holds one.
+    unsafe {
+        match wait_point.identity.values.mover {
+            Some(mover) => mover(from, to),
+            None => Waiter::move_word(from, to),
         }
     }
 }
@@ -176,8 +183,8 @@ unsafe fn part_long<const SEND: bool>(
     // and `part` demand.
     unsafe {
         let plain = Plain::<SEND>::new(channel, node, turn);
-        plain.move_value(partner);
         let wait_point = plain.wait_point();
+        move_value::<SEND>(wait_point, node, partner);
         part::<SEND>(wait_point, wait_point.kept(turn), partner, turn)
     }
 }
@@ -205,7 +212,7 @@ unsafe fn meet_guard<const SEND: bool>(
         match commit(Waiter::<()>::guard_of(guard.cast()), turn) {
             Commit::Chosen(ready) => {
                 lists.set_nothing_waits();
-                plain.move_value(guard);
+                move_value::<SEND>(plain.wait_point(), node, guard);
                 depart::<SEND>(plain.wait_point(), lists, (guard, ready), turn)
             }
             Commit::Stale => {
@@ -279,7 +286,7 @@ unsafe fn meet<const SEND: bool>(
                 lists.keep();
                 return part_long::<SEND>(channel, node, turn, partner);
             }
-            let (from, to) = plain.nodes_of(partner);
+            let (from, to) = nodes_of::<SEND>(node, partner);
             Waiter::move_word(from, to);
             return part::<SEND>(wait_point, lists, partner, turn);
         }
@@ -468,41 +475,47 @@ fn give_way(turn: PlainTurn<'_>) -> FastPath {
     FastPath::done(turn)
 }
 
-/// Lets a partner go that waits alone and that an alternative has met, after the value was moved.
+/// Moves the value between a plain guard, which its alternative has chosen, and the partner that
+/// waits alone for it, and lets that go. The guard's node is done.
 ///
 /// # Safety
 ///
-/// The lists are those of `wait_point`, and the value was moved. The partner waits alone.
+/// The lock of `wait_point`, of a live channel, was kept, and is not taken back elsewhere. `node` is
+/// that of a new plain operation of this side there, and a partner waits alone for it.
 #[inline(always)]
-pub(crate) unsafe fn part_alone(
+pub(crate) unsafe fn meet_alone(
     wait_point: &WaitPoint,
-    lists: InsideGuard<'_, WaitQueues>,
-    partner: NonNull<WaitNode>,
+    node: NonNull<Waiter<()>>,
     by_sender: bool,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: the lists are those of the wait point, the value was moved, and the partner waits
-    // alone, as is demanded here and there.
+    // SAFETY: as is demanded here.
     unsafe {
         match by_sender {
-            true => part_met::<true>(wait_point, lists, partner, turn),
-            false => part_met::<false>(wait_point, lists, partner, turn),
+            true => meet_met::<true>(wait_point, node, turn),
+            false => meet_met::<false>(wait_point, node, turn),
         }
     }
 }
 
 /// # Safety
 ///
-/// As for [`part_alone`].
+/// As for [`meet_alone`].
 #[inline(never)]
-unsafe fn part_met<const SEND: bool>(
+unsafe fn meet_met<const SEND: bool>(
     wait_point: &WaitPoint,
-    lists: InsideGuard<'_, WaitQueues>,
-    partner: NonNull<WaitNode>,
+    node: NonNull<Waiter<()>>,
     turn: PlainTurn<'_>,
 ) -> FastPath {
-    // SAFETY: as is demanded here.
-    unsafe { part::<SEND>(wait_point, lists, partner, turn) }
+    // SAFETY: the lock was kept, and is taken back once. A partner waits alone there, as
+    // `move_value` and `part` demand. The new node is known to its future alone.
+    unsafe {
+        let lists = wait_point.kept(turn);
+        let partner = lists.waiting.one(!SEND).unwrap_unchecked();
+        move_value::<SEND>(wait_point, node, partner);
+        Waiter::settle_new(node);
+        part::<SEND>(wait_point, lists, partner, turn)
+    }
 }
 
 impl<T> Channel<T> {
@@ -556,9 +569,9 @@ impl<T> Channel<T> {
         // the wait point, and the operation's end keeps it; the node is one of this type: `Meet`
         // demands that. This thread has kept the lock, which guards the store too, and takes it
         // back once. Where a value is stored, `pop_front` returns one. A new receive's node holds
-        // none, and only its future knows it. Else nothing waits, as `wait_for_value` demands, which
-        // takes the lock back in this function's stead. It is taken back late: one register less is
-        // in use while the value moves.
+        // none, and only its future knows it. Else nothing waits, as `wait_for_value` demands,
+        // which takes the lock back in this function's stead. It is taken back late: one register
+        // less is in use while the value moves.
         unsafe {
             let this = channel.cast::<Self>().as_ref();
             let stored = this.store.with(|store| (*store).len());

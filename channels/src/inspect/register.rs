@@ -3,6 +3,7 @@
 use super::{NonNull, WaitPoint};
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
+use core::panic::Location;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A wait point that lives, and stays where it is.
@@ -16,6 +17,21 @@ static WAIT_POINTS: Mutex<BTreeMap<u64, Registered>> = Mutex::new(BTreeMap::new(
 
 fn registered() -> MutexGuard<'static, BTreeMap<u64, Registered>> {
     WAIT_POINTS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// How many wait points were made in each line of the program.
+static MADE: Mutex<BTreeMap<(&str, u32), u16>> = Mutex::new(BTreeMap::new());
+
+/// How many wait points were made in this line, with the one that is being made.
+pub(super) fn nth_at(made_at: &'static Location<'static>) -> u16 {
+    // Models name nothing.
+    if cfg!(loom) {
+        return 1;
+    }
+    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    let nth = made.entry((made_at.file(), made_at.line())).or_default();
+    *nth = nth.saturating_add(1);
+    *nth
 }
 
 /// Registers a wait point. Off the real-time path, as is making one.

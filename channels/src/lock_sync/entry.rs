@@ -1,5 +1,5 @@
-//! The node of a waiter for a mutex or a semaphore, or for a condition and then its mutex; and how a
-//! priority is passed on: from the first waiter to the holder of a mutex, and from there to the
+//! The node of a waiter for a mutex or a semaphore, or for a condition and then its mutex; and how
+//! a priority is passed on: from the first waiter to the holder of a mutex, and from there to the
 //! holder of the mutex that this one waits for.
 
 use super::core::{Core, LockState};

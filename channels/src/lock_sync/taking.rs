@@ -26,7 +26,7 @@ pub trait Permits: Copy {
     /// The error when the time runs out.
     const TIMEOUT: Self::TimeoutError;
 
-    /// The result of a [`Take`] of so many, for its caller.
+    /// The result for the caller, of a take of so many.
     fn taken(
         self,
         count: u32,

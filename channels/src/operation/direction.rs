@@ -78,18 +78,33 @@ pub trait Direction<T>: Sized {
     /// Takes the result of an operation that has communicated and is not
     /// [answered](Self::ANSWERED). Not a `Result`: that would cost each communication two
     /// instructions.
-    fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
+    ///
+    /// # Safety
+    ///
+    /// The operation itself calls this, once, when it is over: it has communicated, and is in no
+    /// queue.
+    unsafe fn succeeded<'a>(operation: &mut Operation<'a, T, Self>) -> Self::Success<'a>;
 
     /// Takes the result of any operation that has communicated, so.
-    fn communicated<'a>(
+    ///
+    /// # Safety
+    ///
+    /// As for [`succeeded`](Self::succeeded), of one with this outcome.
+    unsafe fn communicated<'a>(
         operation: &mut Operation<'a, T, Self>,
         _: Outcome,
     ) -> Result<Self::Success<'a>, Self::Failure> {
-        Ok(Self::succeeded(operation))
+        // SAFETY: it is over and has communicated, as is demanded here.
+        Ok(unsafe { Self::succeeded(operation) })
     }
 
     /// Takes the failure of an operation that has failed.
-    fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;
+    ///
+    /// # Safety
+    ///
+    /// The operation itself calls this, once, when it is over: it has not communicated, and is in
+    /// no queue.
+    unsafe fn failed(operation: &mut Operation<'_, T, Self>, poisoned: bool) -> Self::Failure;
 
     /// What an operation returns in a replay that has met no partner before its channel closed,
     /// although the recorded one had. `None`: it fails.
@@ -98,7 +113,12 @@ pub trait Direction<T>: Sized {
         T: 'a;
 
     /// Drops what an operation with this outcome has left.
-    fn dropped(operation: &mut Operation<'_, T, Self>, outcome: Outcome);
+    ///
+    /// # Safety
+    ///
+    /// The operation itself calls this, once, as it is dropped with this outcome: its result was
+    /// not taken, and it is in no queue.
+    unsafe fn dropped(operation: &mut Operation<'_, T, Self>, outcome: Outcome);
 
     /// Takes a new operation for its seed.
     fn into_seed<'a>(operation: Operation<'a, T, Self>) -> Self::Seed<'a>;
@@ -115,7 +135,11 @@ pub trait GivesUp<T>: Direction<T> {
     type TimeoutFailure: Ended + From<Self::Failure>;
 
     /// Takes the failure of an operation that gives up.
-    fn timed_out(operation: &mut Operation<'_, T, Self>) -> Self::TimeoutFailure;
+    ///
+    /// # Safety
+    ///
+    /// As for [`failed`](Direction::failed).
+    unsafe fn timed_out(operation: &mut Operation<'_, T, Self>) -> Self::TimeoutFailure;
 }
 
 /// A send under way: see [`Sender::send`](crate::Sender::send). `S` is the source of its value.
@@ -150,11 +174,11 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
     }
 
     #[inline(always)]
-    fn succeeded<'a>(_: &mut SendOp<'a, T, S>) {}
+    unsafe fn succeeded<'a>(_: &mut SendOp<'a, T, S>) {}
 
-    fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
+    unsafe fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
         SendError {
-            // SAFETY: the send failed, so the value is still here, and no other thread knows the
+            // SAFETY: the send failed, as is demanded here, so the value is still here, and no other thread knows the
             // node any more.
             value: unsafe { S::unsent(send.node()) },
             poisoned,
@@ -169,7 +193,7 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
         Some(Ok(()))
     }
 
-    fn dropped(send: &mut SendOp<'_, T, S>, outcome: Outcome) {
+    unsafe fn dropped(send: &mut SendOp<'_, T, S>, outcome: Outcome) {
         if !matches!(outcome, Outcome::Done | Outcome::Held) {
             // SAFETY: the value is still here, or the answer is, and no other thread knows the node
             // any more.
@@ -194,8 +218,9 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
 impl<T, S: Source<T>> GivesUp<T> for Sending<S> {
     type TimeoutFailure = SendTimeoutError<S::Unsent>;
 
-    fn timed_out(send: &mut SendOp<'_, T, S>) -> Self::TimeoutFailure {
-        SendTimeoutError::Timeout(Self::failed(send, false).value)
+    unsafe fn timed_out(send: &mut SendOp<'_, T, S>) -> Self::TimeoutFailure {
+        // SAFETY: the send has failed, as is demanded here.
+        SendTimeoutError::Timeout(unsafe { Self::failed(send, false) }.value)
     }
 }
 
@@ -281,7 +306,13 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
                 }
                 Attempted::DONE
             }
-            attempted => attempted,
+            attempted => {
+                if M::INHERITS {
+                    // It may have taken calls off that are not waited for any more.
+                    locked.boost_while_they_wait();
+                }
+                attempted
+            }
         }
     }
 
@@ -291,7 +322,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
     }
 
     #[inline(always)]
-    fn succeeded<'a>(receive: &mut RecvOp<'a, T, M>) -> M::Received<'a> {
+    unsafe fn succeeded<'a>(receive: &mut RecvOp<'a, T, M>) -> M::Received<'a> {
         let ticket = receive.ticket();
         let note = take(&mut receive.node().direction.note);
         // SAFETY: a done receive holds its value, and no other thread knows the node any more.
@@ -299,7 +330,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         M::received(receive.end, value, ticket, note)
     }
 
-    fn failed(_: &mut RecvOp<'_, T, M>, poisoned: bool) -> RecvError {
+    unsafe fn failed(_: &mut RecvOp<'_, T, M>, poisoned: bool) -> RecvError {
         match poisoned {
             true => RecvError::Poisoned,
             false => RecvError::Closed,
@@ -313,7 +344,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
         None
     }
 
-    fn dropped(receive: &mut RecvOp<'_, T, M>, outcome: Outcome) {
+    unsafe fn dropped(receive: &mut RecvOp<'_, T, M>, outcome: Outcome) {
         if outcome == Outcome::Done {
             let ticket = receive.ticket();
             // SAFETY: the value is here, and no other thread knows the node any more.
@@ -340,7 +371,7 @@ impl<T, M: Mode<T>> Direction<T> for Receiving<M> {
 impl<T, M: Mode<T>> GivesUp<T> for Receiving<M> {
     type TimeoutFailure = RecvTimeoutError;
 
-    fn timed_out(_: &mut RecvOp<'_, T, M>) -> RecvTimeoutError {
+    unsafe fn timed_out(_: &mut RecvOp<'_, T, M>) -> RecvTimeoutError {
         RecvTimeoutError::Timeout
     }
 }

@@ -12,7 +12,6 @@ use core::pin::Pin;
 use core::ptr::NonNull;
 use core::task::{Context, Poll};
 use luna_core::current::{self, Here, Renewal};
-use luna_core::wait_list::WaitNode;
 
 // SAFETY: it borrows an end, which keeps the channel; its drop takes the node off the list.
 unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
@@ -130,24 +129,11 @@ unsafe impl<'a, T, D: Direction<T>> RawGuard for Operation<'a, T, D> {
         true
     }
 
-    fn note_listed(self: Pin<&mut Self>) {
+    fn note_begun(self: Pin<&mut Self>) {
         let this = self.in_place();
         if this.phase == Phase::New {
             this.phase = Phase::Listed;
         }
-    }
-
-    unsafe fn meet(self: Pin<&mut Self>, partner: NonNull<WaitNode>) {
-        let this = self.in_place();
-        let (from, to) = match D::SEND {
-            true => (this.waiter(), partner.cast()),
-            false => (partner.cast(), this.waiter()),
-        };
-        // SAFETY: the partner is a plain operation that waits at the other side of this channel,
-        // whose lock is held, and this is new, as is demanded here. So the send's node holds its
-        // value, the receive's holds none, and no other thread accesses either.
-        unsafe { Waiter::put_value_of(to, Waiter::take_value_of(from)) };
-        this.phase = Phase::Settled(Outcome::Done);
     }
 }
 

@@ -1,5 +1,5 @@
-//! How a replay log drives an operation; and one that gives up: at a deadline, or when something else
-//! happens.
+//! How a replay log drives an operation; and one that gives up: at a deadline, or when something
+//! else happens.
 
 use super::{Direction, GivesUp, Operation, Phase, Receiving, Sending};
 use crate::error::Ended;
@@ -78,7 +78,8 @@ impl<'a, T, D: Direction<T>> Logged for Operation<'a, T, D> {
     fn fail(&mut self, number: u64) -> Poll<<Self as Logged>::Output> {
         self.phase = Phase::Over;
         let poisoned = number == replay::failure::POISONED;
-        Poll::Ready(Err(D::failed(self, poisoned)))
+        // SAFETY: it is over, as its log has it, and was never listed.
+        Poll::Ready(Err(unsafe { D::failed(self, poisoned) }))
     }
 
     fn failure(output: &<Self as Logged>::Output) -> Option<Event> {
@@ -113,7 +114,8 @@ impl<'a, T, D: GivesUp<T>> GiveUp for Operation<'a, T, D> {
         match outcome {
             Outcome::Waiting => {
                 this.phase = Phase::Over;
-                Err(D::timed_out(this))
+                // SAFETY: it has given up and is in no queue: it is over now.
+                Err(unsafe { D::timed_out(this) })
             }
             outcome => this.settled(outcome).map_err(D::TimeoutFailure::from),
         }

@@ -18,6 +18,7 @@ pub use logged::{RecvTimeout, SendTimeout, Timed};
 use crate::core::{Channel, FastPath};
 use crate::end::End;
 use crate::in_place::InPlace;
+use crate::inspect;
 use crate::replay;
 use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
@@ -194,7 +195,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         match outcome {
             Outcome::Done | Outcome::Held | Outcome::Answered => {
                 self.phase = Phase::Over;
-                D::communicated(self, outcome)
+                // SAFETY: by its outcome it has communicated; it is over from here on.
+                unsafe { D::communicated(self, outcome) }
             }
             Outcome::Broken => {
                 self.broken();
@@ -202,7 +204,10 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
             }
             ending => {
                 self.phase = Phase::Over;
-                Err(D::failed(self, ending == Outcome::Poisoned))
+                let poisoned = ending == Outcome::Poisoned;
+                inspect::note_failure(self.channel().wait_point(), D::SEND, poisoned);
+                // SAFETY: by its outcome it has failed; it is over from here on.
+                Err(unsafe { D::failed(self, poisoned) })
             }
         }
     }
@@ -211,7 +216,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
     #[inline(always)]
     fn done(&mut self) -> D::Success<'a> {
         self.phase = Phase::Over;
-        D::succeeded(self)
+        // SAFETY: it has communicated, as the caller says, and is over from here on.
+        unsafe { D::succeeded(self) }
     }
 
     /// The closure that was to make the value has panicked, here or on the other side: the channel
@@ -314,7 +320,8 @@ impl<'a, T, D: Direction<T>> Operation<'a, T, D> {
         };
         match outcome {
             Outcome::Broken => self.end.poison(),
-            outcome => D::dropped(self, outcome),
+            // SAFETY: it has this outcome, and was not over: its result was not taken.
+            outcome => unsafe { D::dropped(self, outcome) },
         }
     }
 }

@@ -300,7 +300,8 @@ impl<'a, T, D: GivesUp<T>> Operation<'a, T, D> {
             }
             Attempted::NotNow => {
                 self.phase = Phase::Over;
-                Err(D::timed_out(self))
+                // SAFETY: it has given up and was never listed: it is over now.
+                Err(unsafe { D::timed_out(self) })
             }
             other => {
                 // A replayed failure was not attempted.

@@ -1,8 +1,8 @@
 //! What operations ask the [replay log](luna_core::replay_log) of the current process, and report
 //! to it; and the order in which recorded processes come to a wait point.
 //!
-//! Operations without a replay log do not pay for that order: whether recorded processes come is part
-//! of a flag that is tested there anyway
+//! Operations without a replay log do not pay for that order: whether recorded processes come is
+//! part of a flag that is tested there anyway
 //! ([`WaitQueues::is_unusual`](crate::wait_point::WaitQueues)).
 
 use crate::core::Channel;

@@ -212,8 +212,8 @@ impl WaitQueues {
         for is_sender in [true, false] {
             let queue = self.queue(is_sender);
             // SAFETY: a node that waits alone is live and not settled while it is noted here, since
-            // the lock that is held guards it. It was made so by `set_alone`, or begun as a guard by
-            // the fast path. While one waits so the queues are empty.
+            // the lock that is held guards it. It was made so by `set_alone`, or begun as a guard
+            // by the fast path. While one waits so the queues are empty.
             unsafe {
                 if let Some(node) = waiting.one(is_sender) {
                     WaitNode::complete(node.as_ptr());
@@ -263,8 +263,8 @@ impl WaitQueues {
         }
     }
 
-    /// Whether plain sends and receives may meet on the [hand-off slots](crate::core::HandOffSlots):
-    /// the wait point has no other use, and no node is listed.
+    /// Whether plain sends and receives may meet on the [hand-off
+    /// slots](crate::core::HandOffSlots): the wait point has no other use, and no node is listed.
     #[inline]
     pub(crate) fn may_use_hand_off_slots(&self) -> bool {
         self.is_plain_rendezvous() && self.senders.is_empty() && self.receivers.is_empty()

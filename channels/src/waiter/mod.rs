@@ -352,8 +352,8 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a sender's that holds its value, or `make` makes it, which is called once. No other
-    /// thread accesses it.
+    /// `node` is a sender's that holds its value, or `make` makes it, which is called once. No
+    /// other thread accesses it.
     #[inline]
     pub(crate) unsafe fn take_or_make(
         node: NonNull<Waiter<T>>,

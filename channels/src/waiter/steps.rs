@@ -272,9 +272,9 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`settle`](Self::settle); or its own future calls this, under the lock that guards the
-    /// node. One that waits alone may still be noted in `waiting`, if the caller overwrites that
-    /// before it releases the lock.
+    /// As for [`settle`](Self::settle); or its own future calls this, under the lock that guards
+    /// the node. One that waits alone may still be noted in `waiting`, if the caller overwrites
+    /// that before it releases the lock.
     #[inline(always)]
     pub(crate) unsafe fn set_outcome(node: NonNull<Waiter<T>>, outcome: Outcome) {
         // SAFETY: the node waits until this store, and its future needs the lock that is held here
@@ -284,6 +284,19 @@ impl<T> Waiter<T> {
             (*Self::link(node))
                 .outcome
                 .store(outcome as u8, Ordering::Release);
+        }
+    }
+
+    /// Makes a plain operation that was not begun done: its value was moved.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and no other thread accesses it.
+    #[inline(always)]
+    pub(crate) unsafe fn settle_new(node: NonNull<Waiter<T>>) {
+        // SAFETY: the node is live, and no other thread accesses it, so the field may be written.
+        unsafe {
+            (&raw mut (*Self::link(node)).outcome).write(AtomicU8::new(Outcome::Done as u8));
         }
     }
 

@@ -603,3 +603,34 @@ fn everything_goes_and_is_shared_between_threads() {
     check::<luna_channels::CallOp<'_, u32, Vec<u8>>>();
     check::<luna_channels::AcceptOp<'_, u32, Vec<u8>>>();
 }
+
+/// The server's next look drops the late call, and with it the priority that it gave.
+#[test]
+fn a_client_that_chose_another_guard_boosts_the_server_no_longer() {
+    let _watch = Watchdog::new();
+    let stage = Executor::start(Attributes::new("stage")).unwrap();
+    let (client, server) = call_channel::<u32, u32>();
+    let (tell, told) = channel::<()>();
+    let (other, from_other) = channel::<()>();
+    let level = || current::priority().level;
+    let serves = stage.spawn(ProcessSpec::new("server").level(1), move || async move {
+        assert!(server.try_accept().unwrap_err().is_empty()); // from here on it is known
+        told.recv().await.unwrap();
+        assert_eq!(level(), 20, "the client waits");
+        other.try_send(()).unwrap();
+        assert!(server.try_accept().unwrap_err().is_empty());
+        assert_eq!(level(), 1, "no client waits");
+    });
+    let asks = stage.spawn(ProcessSpec::new("client").level(20), move || async move {
+        tell.send(()).await.unwrap();
+        alt! {
+            answer = client.call(1) => panic!("{answer:?}"),
+            received = from_other.recv() => received.unwrap(),
+        }
+    });
+    stage.release();
+    assert_eq!(
+        (serves.wait(), asks.wait()),
+        (Exit::Completed, Exit::Completed)
+    );
+}

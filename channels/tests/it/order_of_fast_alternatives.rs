@@ -2,6 +2,7 @@
 
 #![cfg(not(loom))]
 
+use futures_lite::future::poll_once;
 use luna_channels::{Alternative, alt, channel, pri_alt};
 use luna_core::{Executor, Exit, ProcessSpec, yield_now};
 use luna_platform::thread::Attributes;
@@ -177,4 +178,40 @@ fn the_least_recently_chosen_end_is_taken_on_the_fast_path() {
     for sender in senders {
         assert_eq!(sender.wait(), Exit::Completed);
     }
+}
+
+/// Each choice lets the more urgent sender run before it is over, and is dropped then. What it has
+/// received is the next value of the channel.
+#[test]
+fn a_choice_that_is_dropped_when_it_gave_way_returns_its_value_on_the_fast_path() {
+    let executor = Executor::start(Attributes::new("home")).unwrap();
+    let (output, first) = channel::<u64>();
+    let (_idle, second) = channel::<u64>();
+    let sender = executor.spawn(ProcessSpec::new("sends").level(5), move || async move {
+        for number in 0.. {
+            if output.send(number).await.is_err() {
+                break;
+            }
+        }
+    });
+    let server = executor.spawn(ProcessSpec::new("chooses").level(1), move || async move {
+        let mut given_back = 0;
+        for expected in 0..3 * WARM {
+            let choice = poll_once(async {
+                alt! { x = first.recv() => x, x = second.recv() => x }
+            });
+            let got = match choice.await {
+                Some(got) => got,
+                None => {
+                    given_back += 1;
+                    first.recv().await
+                }
+            };
+            assert_eq!(got, Ok(expected));
+        }
+        assert!(given_back > WARM, "{given_back}");
+    });
+    executor.release();
+    assert_eq!(server.wait(), Exit::Completed);
+    assert_eq!(sender.wait(), Exit::Completed);
 }

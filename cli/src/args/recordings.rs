@@ -45,9 +45,13 @@ pub(crate) struct Convert {
     #[arg(long)]
     pub(crate) hold: bool,
     /// CSV: a row for each cycle of this loop, with the last value of each signal in the cycle; for
-    /// recordings with events
+    /// recordings with events [default: the loop with the most cycles, if there is one, without
+    /// the cycles in which nothing was sampled]
     #[arg(long, value_name = "LOOP")]
     pub(crate) per_cycle: Option<String>,
+    /// CSV: a row for each instant at which something was sampled, also where there are loops
+    #[arg(long, conflicts_with = "per_cycle")]
+    pub(crate) per_sample: bool,
     #[command(flatten)]
     pub(crate) selection: Selection,
 }
@@ -84,7 +88,7 @@ pub(crate) struct Selection {
 /// What a recording can be made to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Format {
-    /// A row for each instant, a column for each signal; messages in a second file
+    /// A row for each cycle or instant, a column for each signal; messages and events in files beside it
     Csv,
     /// For Foxglove, Lichtblick and PlotJuggler
     #[cfg(feature = "mcap")]

@@ -1,18 +1,18 @@
 //! CSV, as the thesis' recorder wrote it: a column of times and one for each element of each
 //! signal.
 //!
-//! Times are seconds from the recording's first time. What was sampled at one instant stands in
-//! one row, or, if a row is a cycle of a loop, what was sampled from its begin to that of the next,
-//! the last value of each signal. A signal that was not sampled leaves its column empty, or holds
+//! Times are seconds from the recording's first time. Where loops were recorded a row is a cycle:
+//! what was sampled from its begin to that of the next, the last value of each signal. Elsewhere it
+//! is what was sampled at one instant. A signal that was not sampled leaves its column empty, or holds
 //! its last value, if that is asked for. Messages and events go to files beside it.
 
-use super::Converted;
 use super::recording::each;
 use super::selection::Filter;
+use super::{Converted, Rows};
 use crate::failure::{self, Failure};
 use crate::result_file::ResultFile;
-use luna_logger::format::{Names, Record, Value, Words};
-use std::collections::BTreeMap;
+use luna_logger::format::{Names, Record, Subject, Value, Words};
+use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -61,21 +61,24 @@ pub(super) fn write(
         at: None,
         start,
         hold,
-        per_cycle: filter.is_per_cycle(),
+        per_cycle: filter.per_cycle().is_some(),
+        has_empty_rows: filter.is_asked_per_cycle(),
+        left_out: 0,
+        sampled: HashSet::new(),
     };
     let failed = failure::failed(output);
     table.head(&signals).map_err(&failed)?;
 
-    let heading = "time,level,thread,process,target,text";
+    let heading = "time [s],level,thread,process,target,text";
     let mut messages = Beside::new(output.with_extension("messages.csv"), heading, replaces);
-    let heading = "time,event,thread,subject,first,second";
+    let heading = "time [s],event,thread,subject,first,second";
     let mut events = Beside::new(output.with_extension("events.csv"), heading, replaces);
     let mut names = Names::default();
     // By time, begins of cycles before samples, and place in the recording: on a virtual clock all
     // of a cycle has one time.
     let mut waiting: BTreeMap<(u64, bool, u64), Entry> = BTreeMap::new();
     let mut number = 0;
-    let converted = each(input, filter, |record| {
+    let mut converted = each(input, filter, |record| {
         names.take(record);
         let entry = match record {
             Record::Sample {
@@ -139,11 +142,18 @@ pub(super) fn write(
     for ((time, ..), entry) in waiting {
         table.take(&signals, time, entry).map_err(&failed)?;
     }
-    let table = table.end().map_err(&failed)?;
+    let (output, left_out) = table.end().map_err(&failed)?;
     messages.end()?;
     events.end()?;
     // Last: where the table is, what belongs to it is too.
-    table.finish()?;
+    output.finish()?;
+    if let Some(number) = filter.per_cycle() {
+        let rows = Rows {
+            of: names.of(Subject::Loop, number.into()),
+            left_out,
+        };
+        converted.rows = Some(rows);
+    }
     Ok(converted)
 }
 
@@ -195,6 +205,12 @@ struct Table<W> {
     start: u64,
     hold: bool,
     per_cycle: bool,
+    /// Cycles without a sample are rows too.
+    has_empty_rows: bool,
+    /// Samples that no row has: before the first cycle, or not the last of theirs.
+    left_out: u64,
+    /// The signals that were sampled in the cycle.
+    sampled: HashSet<u32>,
 }
 
 impl<W: Write> Table<W> {
@@ -233,8 +249,11 @@ impl<W: Write> Table<W> {
         if self.per_cycle {
             // What was sampled before the first cycle is of none.
             if self.at.is_none() {
+                self.left_out += 1;
                 return Ok(());
             }
+            // With `hold` the row has values of former cycles.
+            self.left_out += u64::from(!self.sampled.insert(signal));
         } else {
             // A second sample of the instant has a row of its own.
             let is_taken = !self.hold && self.row[cells.clone()].iter().any(Option::is_some);
@@ -253,6 +272,11 @@ impl<W: Write> Table<W> {
         let Some(at) = self.at.take() else {
             return Ok(());
         };
+        let has_sample = !self.sampled.is_empty();
+        self.sampled.clear();
+        if self.per_cycle && !has_sample && !self.has_empty_rows {
+            return Ok(());
+        }
         write!(self.output, "{}", Seconds::between(self.start, at))?;
         for cell in &mut self.row {
             match cell {
@@ -266,9 +290,9 @@ impl<W: Write> Table<W> {
         writeln!(self.output)
     }
 
-    fn end(mut self) -> io::Result<W> {
+    fn end(mut self) -> io::Result<(W, u64)> {
         self.end_row()?;
-        Ok(self.output)
+        Ok((self.output, self.left_out))
     }
 }
 

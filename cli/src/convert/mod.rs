@@ -106,6 +106,9 @@ fn check(arguments: &Convert) -> Result<(), &'static str> {
     if arguments.to != Format::Csv && arguments.per_cycle.is_some() {
         return Err("--per-cycle makes rows: it needs --to csv");
     }
+    if arguments.to != Format::Csv && arguments.per_sample {
+        return Err("--per-sample makes rows: it needs --to csv");
+    }
     if arguments.to != Format::Csv && arguments.hold {
         return Err("--hold fills cells: it needs --to csv");
     }
@@ -131,6 +134,19 @@ impl fmt::Display for Converted {
             write!(f, ", {}", Count(self.events, "event"))?;
         }
         writeln!(f)?;
+        if let Some(Rows { of, left_out }) = &self.rows {
+            writeln!(
+                f,
+                "a row is a cycle of {of}; --per-sample gives each instant one"
+            )?;
+            if *left_out > 0 {
+                let samples = Count(*left_out, "sample");
+                writeln!(
+                    f,
+                    "{samples} not in the rows: before the first cycle, or followed by another in theirs"
+                )?;
+            }
+        }
         let lost = self.lost_events;
         if lost > 0 {
             let events = Count(lost, "event");
@@ -189,6 +205,17 @@ struct Converted {
     lost_events: u64,
     lost_blocks: u64,
     damage: Damage,
+    /// Of a table with a row for each cycle.
+    rows: Option<Rows>,
+}
+
+/// The rows of a table that are cycles.
+#[derive(Debug)]
+struct Rows {
+    /// The loop's name.
+    of: String,
+    /// Samples that no row has.
+    left_out: u64,
 }
 
 /// What is wrong with a recording.
@@ -218,6 +245,7 @@ mod tests {
             lost_events: 1,
             lost_blocks: 1,
             damage: Damage::default(),
+            rows: None,
         };
         assert_eq!(
             one.to_string(),

@@ -1,7 +1,7 @@
 //! What of a recording is converted.
 
 use super::recording::{each, time};
-use crate::args::{Convert, Selection};
+use crate::args::{Convert, Format, Selection};
 use crate::failure::{Failure, failed};
 use glob::Pattern;
 use luna_events::code;
@@ -15,6 +15,8 @@ struct Contents {
     epoch: Option<i128>,
     signals: BTreeMap<u32, String>,
     names: Names,
+    /// How many cycles of each loop were recorded.
+    cycles: BTreeMap<u32, u64>,
 }
 
 /// What has names that can be chosen.
@@ -44,6 +46,8 @@ pub(super) struct Filter {
     sub_processes: HashSet<u32>,
     /// The loop with a row for each cycle.
     cycles: Option<u32>,
+    /// It was named.
+    is_asked_per_cycle: bool,
 }
 
 impl Filter {
@@ -103,6 +107,10 @@ impl Filter {
         };
         let cycles = chosen(Kind::Loop, &exactly(arguments.per_cycle.as_deref()));
         filter.cycles = cycles.and_then(|found| found.into_iter().min());
+        if arguments.to == Format::Csv && arguments.per_cycle.is_none() && !arguments.per_sample {
+            filter.cycles = contents.most_cycles();
+        }
+        filter.is_asked_per_cycle = arguments.per_cycle.is_some();
         let of_chosen = |subject| {
             let all = contents.names.all(subject);
             all.filter(|(_, _, parent)| filter.is_chosen(*parent))
@@ -151,9 +159,14 @@ impl Filter {
         })
     }
 
-    /// Whether a row is a cycle.
-    pub(super) fn is_per_cycle(&self) -> bool {
-        self.cycles.is_some()
+    /// The loop whose cycles are rows.
+    pub(super) fn per_cycle(&self) -> Option<u32> {
+        self.cycles
+    }
+
+    /// Whether the command line names this loop: each of its cycles is a row then.
+    pub(super) fn is_asked_per_cycle(&self) -> bool {
+        self.is_asked_per_cycle
     }
 
     fn is_chosen(&self, process: u32) -> bool {
@@ -183,6 +196,13 @@ impl Filter {
 }
 
 impl Contents {
+    /// The loop with the most cycles, of equal ones the first.
+    fn most_cycles(&self) -> Option<u32> {
+        let cycles = self.cycles.iter().rev();
+        let most = cycles.max_by_key(|(_, cycles)| **cycles);
+        most.map(|(number, _)| *number)
+    }
+
     /// The numbers and names of all of a kind.
     fn of_kind(&self, kind: Kind) -> Vec<(u32, &str)> {
         let subject = match kind {
@@ -204,6 +224,7 @@ impl Contents {
             epoch: None,
             signals: BTreeMap::new(),
             names: Names::default(),
+            cycles: BTreeMap::new(),
         };
         each(path, &Filter::default(), |record| {
             contents.names.take(record);
@@ -216,8 +237,14 @@ impl Contents {
                 _ => None,
             };
             contents.start = contents.start.or(begin).or(time(record));
-            if let Record::Signal(info) = record {
-                contents.signals.insert(info.number, info.name.to_owned());
+            match record {
+                Record::Signal(info) => {
+                    contents.signals.insert(info.number, info.name.to_owned());
+                }
+                Record::Event(event) if event.code == code::SLOT => {
+                    *contents.cycles.entry(event.subject).or_default() += 1;
+                }
+                _ => {}
             }
             Ok(())
         })?;

@@ -249,6 +249,38 @@ fn an_empty_folder_makes_everything_unknown_or_told() {
     assert_eq!(Diagnosis::of(found, &machine).exit_code, 4);
 }
 
+/// A container may hide the kernel's file of tickless cores: its configuration then says whether
+/// there can be some.
+#[test]
+fn another_kernel_is_asked_for_only_where_this_one_is_known_to_lack_something() {
+    let advice = |config: Option<&str>| {
+        let root = tempfile::tempdir().unwrap();
+        let write = |file: &str, text: &str| {
+            let path = root.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        if let Some(config) = config {
+            write("proc/sys/kernel/osrelease", "6.1.0\n");
+            write("boot/config-6.1.0", config);
+        }
+        let found = look(&Machine::new(Source::folder(root.path()), None));
+        let found = found.into_iter().find(|one| one.name == "tickless-cores");
+        found.and_then(|one| one.advice).unwrap()
+    };
+    assert!(advice(Some("CONFIG_NO_HZ_FULL=y\n")).starts_with("boot with nohz_full="));
+    let another = advice(Some("# CONFIG_NO_HZ_FULL is not set\n"));
+    assert!(
+        another.starts_with("boot a kernel that has CONFIG_NO_HZ_FULL=y"),
+        "{another}"
+    );
+    let unknown = advice(None);
+    assert!(
+        unknown.contains("where the kernel has CONFIG_NO_HZ_FULL"),
+        "{unknown}"
+    );
+}
+
 #[test]
 fn a_file_that_may_not_be_read_says_how_it_may() {
     let check = Check {

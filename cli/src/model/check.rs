@@ -1,11 +1,13 @@
 //! `luna model check`: whether a model does what it must not.
 
+use super::found::{finding, found};
 use super::{UNKNOWN, read, write};
 use crate::failure::{Failure, failed};
 use crate::progress::Progress;
 use crate::text::Count;
 use clap::Args;
 use luna_model::{Exploration, Finding, FindingKind, Limit, Limits, Model, SpinCheck, TraceStep};
+use serde_json::{Value, json};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -14,6 +16,8 @@ use std::process::ExitCode;
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
 What is found is shown with the shortest way to it. Branches that no run takes, and processes that may come to wait for ever while others go on, are shown, and are no error.
+
+Keys of --json, which stay: schema, exit_code, model, processes, channels, states, is_complete, limit (null, states, memory), limit_bytes, findings (each kind, steps, trace, there, circle), unreached (each line, process, what), stuck (null, or processes, steps, trace, there), ltl (each property, holds: true, false, or null if it was not checked), spin (null, or findings, incomplete, error).
 
 Exit codes: 0 nothing is wrong, 1 something is, 2 bad arguments or files, 4 unknown (nothing was found, but not all was looked at).")]
 pub(crate) struct Arguments {
@@ -44,6 +48,9 @@ pub(crate) struct Arguments {
     /// comments name the properties that are left out
     #[arg(long, value_name = "FILE")]
     cspm: Option<PathBuf>,
+    /// Print all of it as JSON, for scripts
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
@@ -67,11 +74,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     });
     drop(progress);
     let mut out = io::stdout().lock();
-    let shown = print(&mut out, &arguments.file, &model, &explored);
-    shown.map_err(Failure::Output)?;
+    if !arguments.json {
+        let shown = print(&mut out, &arguments.file, &model, &explored);
+        shown.map_err(Failure::Output)?;
+    }
     let mut first = explored.findings.first().cloned();
     let mut is_whole = explored.is_complete;
     let properties = model.ltl().count();
+    let mut spin = None;
     if arguments.spin {
         let mut progress = Progress::new();
         progress.say("SPIN checks");
@@ -81,20 +91,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             Ok(found) => {
                 first = first.or_else(|| found.findings.first().cloned());
                 is_whole &= found.incomplete.is_empty();
-                print_spin(&mut out, &model, &found).map_err(Failure::Output)?;
+                if !arguments.json {
+                    print_spin(&mut out, &model, &found).map_err(Failure::Output)?;
+                }
+                spin = Some(Ok(found));
             }
             Err(error) => {
                 eprintln!("luna: SPIN: {error}");
                 is_whole = false;
+                spin = Some(Err(error.to_string()));
             }
         }
-    } else if properties > 0 {
+    } else if properties > 0 && !arguments.json {
         let note = "not checked: LTL properties; add --spin";
         writeln!(out, "{note} ({properties})").map_err(Failure::Output)?;
     }
     if let Some(path) = &arguments.replay {
         match explored.findings.iter().find_map(|one| one.replay.as_ref()) {
             Some(text) => write(path, text)?,
+            None if arguments.json => {}
             None => {
                 let path = path.display();
                 let note = "not written: no deadlock was found, and nothing else can be replayed";
@@ -105,11 +120,59 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if let (Some(path), Some(finding)) = (&arguments.picture, &first) {
         write(path, &finding.to_svg())?;
     }
-    Ok(match (first.is_some(), is_whole) {
-        (true, _) => ExitCode::from(1),
-        (false, true) => ExitCode::SUCCESS,
-        (false, false) => ExitCode::from(UNKNOWN),
-    })
+    let code = match (first.is_some(), is_whole) {
+        (true, _) => 1,
+        (false, true) => 0,
+        (false, false) => UNKNOWN,
+    };
+    if arguments.json {
+        let text = as_json(&model, &explored, spin.as_ref(), code);
+        writeln!(out, "{text:#}").map_err(Failure::Output)?;
+    }
+    Ok(ExitCode::from(code))
+}
+
+/// Rises when a key changes its meaning or goes.
+const SCHEMA: u32 = 1;
+
+fn as_json(
+    model: &Model,
+    explored: &Exploration,
+    spin: Option<&Result<SpinCheck, String>>,
+    code: u8,
+) -> Value {
+    let mut all = found(model, explored, usize::MAX);
+    all["schema"] = SCHEMA.into();
+    all["exit_code"] = code.into();
+    let checked = spin.and_then(|spin| spin.as_ref().ok());
+    let ltl = model.ltl().map(|title| {
+        let holds = checked.and_then(|checked| holds(checked, title));
+        json!({"property": title, "holds": holds})
+    });
+    all["ltl"] = ltl.collect();
+    all["spin"] = match spin {
+        None => Value::Null,
+        Some(Err(error)) => json!({"findings": [], "incomplete": [], "error": error}),
+        Some(Ok(checked)) => {
+            let findings = checked.findings.iter().map(|one| finding(one, usize::MAX));
+            json!({
+                "findings": findings.collect::<Vec<_>>(),
+                "incomplete": checked.incomplete,
+                "error": null,
+            })
+        }
+    };
+    all
+}
+
+/// Whether a property holds, as SPIN says; none if it has not looked at all states.
+fn holds(checked: &SpinCheck, title: &str) -> Option<bool> {
+    let of_it = FindingKind::Ltl(title.to_owned());
+    if checked.findings.iter().any(|finding| finding.kind == of_it) {
+        return Some(false);
+    }
+    let is_open = checked.incomplete.iter().any(|open| open == title);
+    (!is_open).then_some(true)
 }
 
 /// A number of bytes: `4096`, `512M`, `2G`.
@@ -195,12 +258,7 @@ fn print_spin(out: &mut impl Write, model: &Model, found: &SpinCheck) -> io::Res
         writeln!(out, "not all states were looked at: {title}")?;
     }
     for title in model.ltl() {
-        let is_open = found.incomplete.iter().any(|open| open == title);
-        let is_wrong = found
-            .findings
-            .iter()
-            .any(|finding| finding.kind == FindingKind::Ltl(title.to_owned()));
-        if !is_open && !is_wrong {
+        if holds(found, title) == Some(true) {
             writeln!(out, "property {title} holds")?;
         }
     }

@@ -3,7 +3,7 @@
 use super::recording::{Recording, Seen, Slots};
 use super::trace::SKEW;
 use super::write_new;
-use crate::failure::Failure;
+use crate::failure::{Failure, failed};
 use crate::print::say;
 use clap::Args;
 use luna_model::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess};
@@ -37,7 +37,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let path = &arguments.recording;
     let recording = Recording::read(path)?;
     let name = path.file_name().unwrap_or(path.as_os_str());
-    let text = recorded(&recording).to_model(&name.to_string_lossy());
+    let recorded = recorded(&recording);
+    let same = recorded.same_names();
+    if !same.is_empty() {
+        return Err(failed(path)(format!(
+            "several channels are called `{}`, and a model of them as one would be false: name each \
+             apart (`.named(..)` where it is made), and record again",
+            same.join("`, `")
+        )));
+    }
+    let text = recorded.to_model(&name.to_string_lossy());
     if let Some(cut) = &recording.cut {
         eprintln!(
             "luna: {}: {cut}: the model is of what came before",
@@ -82,7 +91,17 @@ fn recorded(recording: &Recording) -> Recorded {
         processes: processes.collect(),
         channels: channels
             .into_iter()
-            .map(|(number, seen)| channel(recording.channel(number), seen, &places, skew))
+            .map(|(number, seen)| {
+                let stated = recording
+                    .channels
+                    .get(&number)
+                    .and_then(|(_, of)| stated(*of));
+                let seen = channel(recording.channel(number), seen, &places, skew);
+                RecordedChannel {
+                    buffer: stated,
+                    ..seen
+                }
+            })
             .collect(),
         executors: recording
             .threads
@@ -138,6 +157,24 @@ fn period(slots: Option<&Slots>) -> Option<Duration> {
     ))
 }
 
+/// What a buffer is, as a model says it, by what the record of its channel's name has of it.
+fn stated(of: u32) -> Option<String> {
+    let (capacity, policy) = (of / 4, of % 4);
+    if policy == 0 {
+        return None; // it is not known
+    }
+    // A model's buffer has 255 values at most; a larger one is judged by what it held.
+    if capacity as usize > MOST {
+        return None;
+    }
+    Some(match (capacity, policy) {
+        (0, _) => String::new(),
+        (_, 1) => format!("fifo {capacity}"),
+        (_, 2) => format!("overwrite_oldest {capacity}"),
+        _ => format!("overwrite_newest {capacity}"),
+    })
+}
+
 fn channel(
     name: String,
     mut seen: Vec<Seen>,
@@ -183,6 +220,7 @@ fn channel(
     }
     RecordedChannel {
         name,
+        buffer: None,
         held,
         least,
         senders,

@@ -3,6 +3,7 @@
 mod check;
 mod draw;
 mod edit;
+mod found;
 mod from;
 mod generate;
 mod names;

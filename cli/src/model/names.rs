@@ -62,7 +62,7 @@ impl<'a> Names<'a> {
             }
         }
         let mut seen = BTreeSet::new();
-        for (number, name) in &recording.channels {
+        for (number, (name, _)) in &recording.channels {
             match (find(&channels, name), used.contains(number)) {
                 (Some(found), is_used) => {
                     names.channels.insert(*number, found);

@@ -16,7 +16,8 @@ pub(super) struct Recording {
     pub(super) start: u64,
     /// By their numbers.
     pub(super) processes: BTreeMap<u32, Named>,
-    pub(super) channels: BTreeMap<u32, String>,
+    /// With what their buffers are, as a name record has it.
+    pub(super) channels: BTreeMap<u32, (String, u32)>,
     pub(super) threads: BTreeMap<u32, String>,
     pub(super) communications: Vec<Seen>,
     /// The processes that have ended by themselves, and when.
@@ -223,7 +224,7 @@ impl Recording {
             Subject::Process => {
                 self.processes.insert(number, Named { name, runs_on });
             }
-            Subject::Channel => drop(self.channels.insert(number, name)),
+            Subject::Channel => drop(self.channels.insert(number, (name, parent))),
             Subject::Executor => drop(self.threads.insert(number, name)),
             Subject::Loop => {
                 let found = self.loops.entry(number).or_insert(Slots {
@@ -243,7 +244,7 @@ impl Recording {
     }
 
     pub(super) fn channel(&self, number: u32) -> String {
-        let known = self.channels.get(&number).cloned();
+        let known = self.channels.get(&number).map(|(name, _)| name.clone());
         known.unwrap_or_else(|| format!("channel {number}"))
     }
 

@@ -48,12 +48,13 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         model: arguments.model.as_deref(),
     };
     let at = |address| crate::scope::at(address, shown);
-    let scope = arguments.scope.map(at).transpose()?;
     let receiver = match arguments.udp {
         true => Receiver::udp(&*arguments.listen),
         false => Receiver::tcp(&*arguments.listen),
     }
     .map_err(deaf)?;
+    // Only now: its address is printed.
+    let scope = arguments.scope.map(at).transpose()?;
     let has_failed = Arc::<AtomicBool>::default();
     let desk = Desk {
         has_failed: has_failed.clone(),

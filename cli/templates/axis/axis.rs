@@ -17,6 +17,7 @@ use std::f64::consts::TAU;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+/// Of the loop and of the motor. The system file may state another one for the loop.
 const PERIOD: Duration = Duration::from_millis(1);
 /// The safety layer lets nothing drive the axis beyond this angle, in rad. The motor's own stops
 /// are at 1.4.

@@ -3,7 +3,8 @@
 use luna::prelude::*;
 use std::time::Duration;
 
-const PERIOD: Duration = Duration::from_millis(1);
+/// Of the loop, also in the tests. The system file may state another one.
+pub const PERIOD: Duration = Duration::from_millis(1);
 /// Without a new command for so long, it stops.
 pub const SILENCE: Duration = Duration::from_millis(200);
 /// Of a wheel, and half of the distance between the two, in metres.

@@ -1,7 +1,7 @@
 //! The base on a virtual clock, without ROS 2: seconds take moments, and each run is the same.
 
 use super::*;
-use base::{Command, SILENCE};
+use base::{Command, PERIOD, SILENCE};
 
 #[test]
 fn the_base_moves_as_long_as_commands_come() -> luna::Result<()> {
@@ -36,7 +36,8 @@ fn the_base_moves_as_long_as_commands_come() -> luna::Result<()> {
 fn the_base_stands_still_without_commands() -> luna::Result<()> {
     let mut system = System::new("test");
     system.virtual_clock();
-    let ends = base::describe(&mut system, Duration::from_secs(1))?;
+    let duration = Duration::from_secs(1);
+    let ends = base::describe(&mut system, duration)?;
     let base::Ends { commands, wheels } = ends;
     drop(commands);
     let operator = system.executor("operator").build()?;
@@ -49,7 +50,8 @@ fn the_base_stands_still_without_commands() -> luna::Result<()> {
         Ok(())
     })?;
     let report = system.run()?;
-    assert_eq!(report.loops["drive"].cycles, 1000);
+    let slots = (duration.as_nanos() / PERIOD.as_nanos()) as u64;
+    assert_eq!(report.loops["drive"].cycles, slots);
     Ok(())
 }
 

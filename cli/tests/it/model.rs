@@ -1,6 +1,7 @@
 //! `luna model`: what it prints, and its exit codes.
 
 use crate::run::{command, example, file, luna_model, path, text};
+use serde_json::{Value, json};
 use std::fs;
 
 #[test]
@@ -16,6 +17,39 @@ fn check_prints_the_circle_and_exits_with_1() {
     assert!(
         said.contains("circle, each waits for the next: philosopher[0] -> fork[1]"),
         "{said}"
+    );
+}
+
+#[test]
+fn check_prints_json_for_scripts() {
+    let json = |file: &str, more: &[&str]| {
+        let of = example(file);
+        let output = luna_model(&[&["check", path(&of), "--json"], more].concat());
+        let found: Value = serde_json::from_slice(&output.stdout).expect("it is JSON alone");
+        assert_eq!(found["exit_code"], json!(output.status.code()));
+        assert_eq!(found["schema"], 1);
+        found
+    };
+    let found = json("philosophers.toml", &[]);
+    let deadlock = &found["findings"][0];
+    assert_eq!(
+        (&deadlock["kind"], &deadlock["steps"]),
+        (&json!("deadlock"), &json!(10))
+    );
+    assert_eq!(deadlock["trace"].as_array().unwrap().len(), 10);
+    assert_eq!(deadlock["circle"].as_array().unwrap().len(), 10);
+    assert_eq!(
+        (&found["is_complete"], &found["exit_code"]),
+        (&json!(true), &json!(1))
+    );
+    let found = json("sieve.toml", &["--max-states", "10"]);
+    assert_eq!(
+        (&found["limit"], &found["exit_code"]),
+        (&json!("states"), &json!(4))
+    );
+    assert_eq!(
+        (&found["findings"], &found["spin"]),
+        (&json!([]), &Value::Null)
     );
 }
 

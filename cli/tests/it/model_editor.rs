@@ -260,7 +260,7 @@ fn bounds_and_measured_times_stand_at_their_parts() {
         .run("document.querySelector('.note').textContent");
     let note = note.as_str().unwrap();
     assert!(
-        note.starts_with("bound 120.0, measured -, slack 880.0 us: holds"),
+        note.starts_with("bound 120.0, measured -, slack 880.0 µs: holds"),
         "{note}"
     );
     assert_eq!(page.browser.complaints(), [""; 0]);

@@ -89,7 +89,8 @@ fn a_row_of_a_cycle_has_the_samples_of_that_cycle_on_a_virtual_clock() {
         std::fs::read_to_string(to).expect("a table")
     };
     let cycles = table("cycles.csv", &["--per-cycle", "timer"]);
-    assert_eq!(cycles, table("instants.csv", &[]));
+    assert_eq!(cycles, table("default.csv", &[]));
+    assert_eq!(cycles, table("instants.csv", &["--per-sample"]));
     assert_eq!(cycles.lines().count(), 1 + 10, "{cycles}");
     for (number, row) in (1..).zip(cycles.lines().skip(1)) {
         assert!(row.starts_with(&format!("0.{number:03}000000,")), "{row}");
@@ -107,6 +108,7 @@ fn options_that_have_no_effect_are_refused() {
     assert!(made.status.success(), "{}", text(&made.stderr));
     let mut cases = vec![
         ("perfetto", &["--per-cycle", "timer"][..], "--to csv"),
+        ("perfetto", &["--per-sample"], "--to csv"),
         ("perfetto", &["--hold"], "--to csv"),
         ("csv", &["--from", "2", "--until", "1"], "later than --from"),
         ("csv", &["--from", "1", "--until", "1"], "later than --from"),

@@ -13,7 +13,6 @@ mod output;
 mod production_cell;
 mod replay;
 mod scope;
-mod scope_parameters;
 mod table;
 #[cfg(target_os = "linux")]
 mod tulip;

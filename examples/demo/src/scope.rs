@@ -2,7 +2,6 @@
 
 use crate::failure::{Failure, unusable};
 use crate::jiwy::Show;
-use crate::scope_parameters::OfSystem;
 use luna_scope::{Scope, Settings};
 use std::io::Write;
 use std::net::SocketAddr;
@@ -17,7 +16,7 @@ pub(crate) fn of_demo(
 ) -> Result<Scope, Failure> {
     let settings = Settings::default()
         .address(address)
-        .parameters(Arc::new(OfSystem(parameters)));
+        .parameters(Arc::new(parameters));
     let settings = show.picture.into_iter().fold(settings, Settings::picture);
     open(match show.scope_token {
         true => settings.allow_setting().map_err(unserved(address))?,

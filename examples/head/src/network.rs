@@ -173,7 +173,8 @@ fn build_head(
     let process = |name: &str, level| executor.process(name).priority(level);
 
     let safety = process("safety", level::SAFETY);
-    let state = safety.signal("safety/stopped").register()?;
+    let state = safety.signal("safety/stopped");
+    let state = state.description("0 moves; 1 stopped").register()?;
     let duty_signal = safety.signal("motors/duties").unit("1").register()?;
     safety.spawn(keep_safe(
         Safety::new()?,

@@ -41,6 +41,9 @@ pub enum Condition {
     Lost,
 }
 
+/// The names of conditions, as the scope reads them.
+pub(crate) const CONDITIONS: &str = "0 stopped; 1 running; 2 halted; 3 safe; 4 faulty; 5 lost";
+
 impl Condition {
     /// Whether a neighbour has to heed it.
     pub fn is_failed(self) -> bool {

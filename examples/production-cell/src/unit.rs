@@ -131,7 +131,8 @@ pub fn build(
 
     let process = |part: &str, level| executor.process(format!("{name} {part}")).priority(level);
     let safety = process("safety", level::SAFETY);
-    let state = safety.signal(&format!("{name}/state")).register()?;
+    let state = safety.signal(&format!("{name}/state"));
+    let state = state.description(crate::messages::CONDITIONS).register()?;
     let duty_signal = safety.signal(&format!("{name}/duty")).register()?;
     safety.spawn(keep_safe(
         Safety::new(unit, options.heeds_neighbours)?,

@@ -92,11 +92,11 @@ impl Names {
     }
 
     /// Reports a name to this listener alone.
-    pub fn name(&self, kind: Kind, number: u32, text: String) {
+    pub fn name(&self, kind: Kind, number: u32, parent: u32, text: String) {
         self.put(node(Name {
             kind,
             number,
-            parent: 0,
+            parent,
             text,
             runs_on: None,
         }));

@@ -4,6 +4,9 @@ import { $, make, put, span, instant, count } from "./text.js";
 import { STATES, SUBJECT } from "./events.js";
 import { draw, layout } from "./graph.js";
 
+// The values that have gone through a channel, each once.
+const valuesOf = ({ sent, received }) => Math.max(sent, received);
+
 const READ = 250; // ms between changes of words, so that they can be read
 
 export class Composition {
@@ -219,11 +222,11 @@ export class Composition {
       row.root.classList.toggle("chosen", this.marked === number);
       if (!isLive) continue;
       if (row.at !== null && latest - row.at >= 0.4) {
-        const rate = (row.channel.communications - row.seen) / (latest - row.at);
+        const rate = (valuesOf(row.channel) - row.seen) / (latest - row.at);
         row.perSecond = row.perSecond === null ? rate : row.perSecond + (rate - row.perSecond) * 0.5;
         put(row.rate, count(row.perSecond));
       }
-      if (row.at === null || latest - row.at >= 0.4) { row.seen = row.channel.communications; row.at = latest; }
+      if (row.at === null || latest - row.at >= 0.4) { row.seen = valuesOf(row.channel); row.at = latest; }
     }
   }
 }

@@ -110,7 +110,8 @@ export class List {
       row.peak = Math.max(row.peak ?? 0, Math.abs(value) || 0);
       const decimals = Math.max(0, Math.min(4, 3 - Math.floor(Math.log10(row.peak || 1))));
       const text = Number.isFinite(value) && row.peak < 1e7 && row.peak >= 1e-3 && !Number.isInteger(row.peak) ? value.toFixed(decimals).replace("-", "−") : number(value);
-      if (figure.data !== text) figure.data = text;
+      const named = signal.names?.get(value) ?? text;
+      if (figure.data !== named) figure.data = named;
     }
   }
 }

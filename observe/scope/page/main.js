@@ -5,6 +5,7 @@ import { Clock } from "./clock.js";
 import { Model } from "./model.js";
 import { Connection } from "./connection.js";
 import { Ending } from "./ending.js";
+import { stopText } from "./marks.js";
 import { Signals } from "./signals.js";
 import { Picture } from "./picture.js";
 import { Loops } from "./loops.js";
@@ -122,9 +123,11 @@ function banner() {
   const key = JSON.stringify(emergency) + model.version;
   if (box.dataset.key === key) return;
   box.dataset.key = key;
-  box.dataset.degree = degree;
+  const stop = stopText(emergency.signal);
+  box.dataset.degree = stop ? "stop" : degree;
   const raiser = model.processes.get(emergency.process)?.name;
   const seconds = model.base === undefined ? "" : `since ${instant(model.seconds(emergency.time), 1e-3)}`;
+  if (stop) return box.replaceChildren(stop.replace("s", "S"), make("span", { class: "when number" }, seconds.replace("since", "at")));
   box.replaceChildren(`${DEGREES[degree] ?? "Emergency"}${raiser ? `, raised by ${raiser}` : ""}`, make("span", { class: "when number" }, seconds));
 }
 

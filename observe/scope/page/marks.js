@@ -7,9 +7,15 @@ import { BOTTOM, RIGHT, TOP } from "./draw.js";
 const MOST = 4096;
 const NEAR = 7; // pixels
 const NAMED = 6; // of the marks at one place
+// By which signal somebody stopped the program; undefined if nobody did.
+export function stopText(signal) {
+  const name = { 1: "SIGHUP", 2: "SIGINT", 15: "SIGTERM" }[signal];
+  return name && `stopped by ${name}`;
+}
+
 const DEGREES = ["normal again", "warning", "safe state", "emergency"];
 
-// All marks of the recording, in the order of time: { time, kind, ... }. Kinds are emergency, error, warning, late and parameter.
+// All marks of the recording, in the order of time: { time, kind, ... }. Kinds are emergency, stop, error, warning, late and parameter.
 export class Marks {
   constructor() { this.all = []; }
 
@@ -23,9 +29,11 @@ export class Marks {
 
   late(time, loop, lateness, argument) { this.put({ time, kind: "late", loop, lateness: lateness / 1e9, argument }); }
   // The last emergency is declared again after blocks were missed, to a page that may have it.
-  emergency(time, process, degree) {
+  emergency(time, process, degree, signal) {
     if (this.between(time - 1e-6, time + 1e-6).some((mark) => mark.process === process && mark.degree === degree)) return;
-    this.put({ time, kind: degree > 1 ? "emergency" : "warning", process, degree });
+    const stop = stopText(signal);
+    if (stop) this.put({ time, kind: "stop", process, degree, text: stop });
+    else this.put({ time, kind: degree > 1 ? "emergency" : "warning", process, degree });
   }
 
   message({ time, level, text }) { if (level <= 2) this.put({ time, kind: level === 1 ? "error" : "warning", text }); }
@@ -44,7 +52,7 @@ export class Marks {
   between(from, to) { return this.all.slice(this.find(from), this.find(to)); }
 }
 
-export const colourOfMark = (palette, kind) => palette[{ warning: "ready", parameter: "accent" }[kind] ?? "failed"];
+export const colourOfMark = (palette, kind) => palette[{ warning: "ready", parameter: "accent", stop: "muted" }[kind] ?? "failed"];
 
 // The marks in the plot of the signals.
 export class MarkStrip {
@@ -135,6 +143,7 @@ export class MarkStrip {
 function shape(context, kind, x, y) {
   context.beginPath();
   if (kind === "parameter") context.arc(x, y, 4, 0, 7);
+  else if (kind === "stop") context.rect(x - 4, y - 4, 8, 8);
   else if (kind === "late") {
     context.moveTo(x, y - 5);
     context.lineTo(x + 5, y);

@@ -3,7 +3,7 @@
 import { Series } from "./series.js";
 import { Events, CODE, SUBJECT, stateOf } from "./events.js";
 import { Marks } from "./marks.js";
-import { place } from "./text.js";
+import { namesIn, place } from "./text.js";
 
 const MOST_MESSAGES = 2000;
 
@@ -51,7 +51,7 @@ export class Model {
   signal(number, elements, name, unit, description) {
     const known = this.signals.get(number);
     if (known && known.name === name && known.elements === elements) return;
-    this.signals.set(number, { number, elements, name, unit, description, series: new Series(elements) });
+    this.signals.set(number, { number, elements, name, unit, description, names: namesIn(description), series: new Series(elements) });
     const overview = this.early.get(number);
     this.early.delete(number);
     if (overview) this.overview(overview);
@@ -146,7 +146,7 @@ export class Model {
   channel(number) {
     let channel = this.channels.get(number);
     if (!channel) {
-      channel = { number, name: `channel ${number}`, recorded: "", communications: 0, from: new Set(), to: new Set() };
+      channel = { number, name: `channel ${number}`, recorded: "", sent: 0, received: 0, from: new Set(), to: new Set() };
       this.channels.set(number, channel);
       this.version++;
     }
@@ -163,7 +163,7 @@ export class Model {
   // The last state of a process, or the last emergency, sent to a viewer that connects later.
   lastEvent(time, code, subject, a, b, thread) {
     const state = stateOf(code, a);
-    if (code === CODE.emergency && (time < this.eventsFrom || this.missed > 0)) this.marks.emergency(time, subject, a);
+    if (code === CODE.emergency && (time < this.eventsFrom || this.missed > 0)) this.marks.emergency(time, subject, a, b);
     if (state === 0) return;
     const process = this.process(subject);
     process.base = { time, state, a, b };
@@ -177,7 +177,9 @@ export class Model {
     if (state !== 0) this.enter(this.process(subject), time, state, a, b, thread);
     else if (code === CODE.communication) {
       const channel = this.channel(subject);
-      channel.communications++;
+      // A value that goes through a buffer is sent in one event and received in another.
+      if (a || !b) channel.sent++;
+      if (b) channel.received++;
       if (a) this.join(channel.from, a);
       if (b) this.join(channel.to, b);
     } else if (code === CODE.asleep || code === CODE.awake) {
@@ -186,7 +188,7 @@ export class Model {
     } else if (code === CODE.spawned && a) {
       this.process(subject).parent ||= a;
     } else if (code === CODE.late) this.marks.late(time, subject, a, b);
-    else if (code === CODE.emergency) this.marks.emergency(time, subject, a);
+    else if (code === CODE.emergency) this.marks.emergency(time, subject, a, b);
   }
 
   enter(process, time, state, a, b, thread) {

@@ -17,6 +17,7 @@ const MOVES = ["x", "y", "turn"];
 const SIZES = { width: "width", height: "height", dash: "stroke-dashoffset", opacity: "opacity" };
 const STEPS = ["fill", "stroke", "text", "show"];
 const SILENT = "silent";
+const DRAWN = new Set(["ground", "texts", "g", "p", "a", "small", "label"]); // parts of the drawing of a model
 
 class Problem extends Error {}
 
@@ -142,6 +143,8 @@ export class Picture {
     }
     this.left = MOST_ELEMENTS;
     this.dropped = new Set();
+    // The drawing of a model has the page's colours.
+    this.isDrawing = source.querySelector("style#dark") !== null;
     const svg = this.copy(source, 0);
     // As large as there is room, with its own proportions.
     const [width, height] = ["width", "height"].map((name) => parseFloat(svg.getAttribute(name)));
@@ -164,6 +167,7 @@ export class Picture {
     for (const { name, value, namespaceURI } of source.attributes) {
       if (name.startsWith("data-")) data[name.slice(5)] = value;
       else if (/^on/i.test(name) || name === "href" || name === "xlink:href") this.dropped.add(name);
+      else if (name === "class" && this.isDrawing && DRAWN.has(value)) element.dataset.drawn = value;
       else if (namespaceURI === null && name !== "style") take(name, value, GEOMETRY.has(name) || PRESENTATION.has(name));
     }
     // As drawing programs write it.
@@ -173,7 +177,7 @@ export class Picture {
     }
     for (const child of source.childNodes) {
       if (child.nodeType === Node.TEXT_NODE) element.append(child.data);
-      if (child.nodeType !== Node.ELEMENT_NODE) continue;
+      if (child.nodeType !== Node.ELEMENT_NODE || (this.isDrawing && child.id === "dark")) continue;
       const isKnown = child.namespaceURI === SVG && ELEMENTS.has(child.localName);
       if (isKnown && depth < DEEPEST && this.left-- > 0) element.append(this.copy(child, depth + 1));
       else if (isKnown) this.dropped.add("more than there is room for");

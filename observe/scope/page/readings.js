@@ -31,11 +31,11 @@ export class Readings {
     const [a, b] = cursors.at;
     if (cursors.on) this.fill("", 0, [instant(a, signals.span / 1e4), instant(b, signals.span / 1e4), `${span(b - a)}${b === a ? "" : ` · ${number(1 / Math.abs(b - a))} Hz`}`]);
     if (statistics) this.fill("", cursors.on ? 3 : 0, [`${instant(Math.max(0, from), signals.span / 1e3)} to ${instant(to, signals.span / 1e3)}`]);
-    for (const { key, signal: { series, unit }, element } of curves) {
+    for (const { key, signal: { series, unit, names }, element } of curves) {
       const texts = [];
       if (cursors.on) {
         const at = series.at(a, element), then = series.at(b, element);
-        texts.push(...alike([at, then, then - at]));
+        texts.push(...(names ? [at, then].map((value) => names.get(value) ?? number(value)).concat("") : alike([at, then, then - at])));
       }
       if (statistics) {
         const { mean, rms, least, most } = series.statistics(element, from, to);

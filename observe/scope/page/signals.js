@@ -19,6 +19,9 @@ const FOLLOWED = 10; // seconds of a run that are shown while it goes on
 // The range of an axis is wider than this: its ends differ by far more than the rounding of a number.
 const narrowest = (low, high) => Math.max(Math.abs(low), Math.abs(high)) * 1e-12;
 
+// A name with room beside an axis.
+const brief = (name) => (name.length > 8 ? `${name.slice(0, 7)}…` : name);
+
 export class Signals {
   constructor(model, clock) {
     Object.assign(this, { model, clock });
@@ -271,6 +274,13 @@ export class Signals {
     return [low, high].map((value) => Number(value.toFixed(digits)));
   }
 
+  // The names of an axis: those of the one curve whose values have names, where they have room.
+  namesOf({ curves: [{ signal, row }, ...more], scale }) {
+    if (!signal.names || more.length > 0 || row.gain !== 1 || row.offset !== 0) return null;
+    const names = new Map([...signal.names].filter(([value]) => value >= scale.low && value <= scale.high));
+    return names.size > 0 && names.size * 11 < scale.bottom - scale.top ? names : null;
+  }
+
   // A scale grows at once and shrinks slowly, so that it does not tremble.
   ease(key, { low, high }) {
     let scale = this.eased.get(key);
@@ -304,7 +314,8 @@ export class Signals {
       if (axis === 0 && lane.top > TOP) { context.fillStyle = line; context.fillRect(this.left, Math.round(lane.top), width - this.left - RIGHT, 1); }
       context.textAlign = "right";
       const x = this.left - 9 - axis * AXIS;
-      lane.labels = this.ticks(scale);
+      const names = this.namesOf(lane);
+      lane.labels = names ? [...names.keys()] : this.ticks(scale);
       if (axis >= this.axes) continue;
       if (this.axes > 1) {
         context.fillStyle = lane.curves.length === 1 ? lane.curves[0].colour : muted;
@@ -316,7 +327,7 @@ export class Signals {
         context.fillStyle = grid;
         if (axis === 0 && !isLow) context.fillRect(this.left, Math.round(y), width - this.left - RIGHT, 1);
         context.fillStyle = lane.curves.length === 1 && this.axes > 1 ? lane.curves[0].colour : faint;
-        context.fillText(label(value), x, isLow ? (n === 0 ? lane.bottom - 4 : lane.top + 4) : y);
+        context.fillText(names ? brief(names.get(value)) : label(value), x, isLow ? (n === 0 ? lane.bottom - 4 : lane.top + 4) : y);
       });
       context.font = "12px ui-sans-serif, system-ui, sans-serif";
     }

@@ -55,6 +55,12 @@ export function number(value) {
   return value.toFixed(Math.min(digits, 4)).replace("-", "−");
 }
 
+// The names of a signal's values, by its description "0 stopped; 1 running"; null if that is none.
+export function namesIn(description) {
+  const parts = description.split(";").map((part) => /^\s*(-?\d+)\s+(\S.*?)\s*$/.exec(part));
+  return parts.length > 1 && parts.every(Boolean) ? new Map(parts.map(([, value, name]) => [Number(value), name])) : null;
+}
+
 // Two values and their difference, with as many digits behind the point as the finer of the two has.
 export function alike([a, b, difference]) {
   const texts = [a, b].map(number);

@@ -5,6 +5,7 @@ import { colours, fit, gone } from "./draw.js";
 import { gestures } from "./gestures.js";
 import { CODE, STATES, stateOf } from "./events.js";
 import { causeText, lateCause } from "./loops.js";
+import { stopText } from "./marks.js";
 
 const AXIS = 28, LOWEST = 22, HIGHEST = 32, RIGHT = 12;
 const SHORTEST = 2e-6, LONGEST = 20;
@@ -422,7 +423,7 @@ export class Timeline {
         }
         case CODE.late: late.push(slot); break;
         case CODE.emergency:
-          context.fillStyle = a === 0 ? palette.running : palette.failed;
+          context.fillStyle = a === 0 ? palette.running : stopText(b) ? palette.muted : palette.failed;
           context.fillRect(x - 1, AXIS, 2, height);
           break;
       }

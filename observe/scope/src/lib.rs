@@ -42,6 +42,7 @@ mod feed;
 mod histogram;
 mod loops;
 mod merge;
+mod of_system;
 mod page;
 mod parameters;
 mod reduce;

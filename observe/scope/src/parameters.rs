@@ -4,7 +4,8 @@ use serde::Serialize;
 use serde_json::Value;
 
 /// The parameters that a program shows to its viewers and, with the token, lets them set. Called on
-/// threads of the scope, which may block.
+/// threads of the scope, which may block. Those of a system are some:
+/// `Settings::parameters(Arc::new(system.parameters()))`.
 ///
 /// ```
 /// use luna_scope::{Parameter, Parameters};

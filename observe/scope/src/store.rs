@@ -388,6 +388,8 @@ impl Store {
             "emergency": self.declared.emergency().map(|event| json!({
                 "degree": event.arguments[0],
                 "process": event.subject,
+                // The signal that stopped the program, 0 if none did.
+                "signal": event.arguments[1],
                 "time": event.time.to_string(),
             })),
         })

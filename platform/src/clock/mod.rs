@@ -97,6 +97,24 @@ impl AddAssign<Duration> for Instant {
     }
 }
 
+impl Instant {
+    /// How long it is after `earlier`; zero if it is not. What `self - earlier` gives, under the
+    /// name that it has in the standard library.
+    ///
+    /// ```
+    /// use luna_platform::clock::Instant;
+    /// use std::time::Duration;
+    ///
+    /// let (early, late) = (Instant::from_nanos(5), Instant::from_nanos(7));
+    /// assert_eq!(late.saturating_duration_since(early), Duration::from_nanos(2));
+    /// assert_eq!(early.saturating_duration_since(late), Duration::ZERO);
+    /// ```
+    #[inline]
+    pub fn saturating_duration_since(self, earlier: Instant) -> Duration {
+        self - earlier
+    }
+}
+
 impl Sub for Instant {
     type Output = Duration;
     #[inline]

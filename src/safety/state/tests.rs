@@ -51,7 +51,7 @@ fn one_signal_is_noted_once_whichever_hears_of_it() {
         journal.note(Degree::Emergency, Cause::Signal(number), || true);
     }
     assert_eq!(journal.state().events.len(), 2);
-    assert_eq!(journal.state().to_string(), "emergency: SIGTERM");
+    assert_eq!(journal.state().to_string(), "stopped by SIGTERM");
 }
 
 fn reported(journal: &Journal) -> Vec<Degree> {

@@ -306,7 +306,7 @@ mod tests {
         let text = report.to_string();
         for part in [
             "fifo:98, 2000 wake-ups, 4.20 ms late at most",
-            "`sample`: 10 calls, 2 missed, 150.0 us at most",
+            "`sample`: 10 calls, 2 missed, 150.0 µs at most",
             "1 times too long",
             "and 1 callbacks more",
         ] {

@@ -23,8 +23,8 @@ fn main() -> luna::Result<()> {
         let report = system.run()?;
         let late = &report.loops["loop"].wake_latency;
         println!(
-            "{policy}, guard {guard} us: half within {:.1} us, 99 % within {:.1} us, \
-             all within {:.1} us",
+            "{policy}, guard {guard} µs: half within {:.1} µs, 99 % within {:.1} µs, \
+             all within {:.1} µs",
             late.percentile(50.0).as_secs_f64() * 1e6,
             late.percentile(99.0).as_secs_f64() * 1e6,
             late.max().as_secs_f64() * 1e6

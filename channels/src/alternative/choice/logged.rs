@@ -27,6 +27,7 @@ impl Logged for Choice<'_, '_> {
             Turn::Look => return replay::differs("an alternative chooses"),
             Turn::Given(event) if event.what == What::Chosen => {
                 let choice = u32::try_from(event.number).unwrap_or(u32::MAX);
+                self.is_plain = false; // A closed offer is not.
                 for (number, offer) in self.offers.iter_mut().enumerate() {
                     if number != choice as usize {
                         offer.close();

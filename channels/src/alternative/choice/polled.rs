@@ -84,7 +84,7 @@ impl<'a> Choice<'_, 'a> {
     #[inline(never)]
     pub(super) fn poll_listed(&mut self, turn: Turn<'_>) -> Poll<u32> {
         let mut _former = None; // Dropped last.
-        self.note_listed();
+        self.note_begun();
         if turn.branch_failed() && (self.can_fail() || self.is_stuck()) {
             // A partner that was faster has communicated: that stays so.
             let closed = self.select_state().close();
@@ -147,15 +147,16 @@ impl<'a> Choice<'_, 'a> {
         })
     }
 
-    /// Plain guards learn that they were listed: from here on they withdraw themselves.
-    fn note_listed(&mut self) {
+    /// Plain guards learn that their nodes were begun: from here on they withdraw themselves, and
+    /// handle their results.
+    fn note_begun(&mut self) {
         let guards = self
             .offers
             .iter_mut()
             .filter(|offer| offer.plain().is_some());
         guards
             .filter_map(Offer::guard_mut)
-            .for_each(|guard| guard.note_listed());
+            .for_each(|guard| guard.note_begun());
     }
 
     fn can_fail(&self) -> bool {
@@ -208,8 +209,18 @@ impl<'a> Choice<'_, 'a> {
                 // lists. A guard that was chosen already keeps its result, and handles it as any
                 // operation that is dropped. The handle is dropped last.
                 let _former = self.select_state().close();
-                self.note_listed();
+                self.note_begun();
                 self.offers.iter_mut().for_each(Offer::withdraw_listed);
+            }
+            // The prologue may have met its partner, and let others run.
+            State::GaveWay(number) => {
+                let offer = self.offers.get_mut(number as usize);
+                if let Some(guard) = offer
+                    .filter(|offer| offer.plain().is_some())
+                    .and_then(Offer::guard_mut)
+                {
+                    guard.note_begun();
+                }
             }
             _ => {}
         }

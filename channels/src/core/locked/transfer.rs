@@ -32,8 +32,8 @@ impl<T, L: Lists> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `sender` was committed, its value was taken, and it is in no list. It stays where it is until
-    /// it is settled or withdrawn.
+    /// `sender` was committed, its value was taken, and it is in no list. It stays where it is
+    /// until it is settled or withdrawn.
     pub(super) unsafe fn hold(&mut self, sender: NonNull<Waiter<T>>) -> u32 {
         let ticket = self.lists.tickets.checked_add(1).unwrap_or(1);
         self.lists.tickets = ticket;
@@ -59,8 +59,8 @@ impl<T, L: Lists> ChannelGuard<'_, T, L> {
     ///
     /// # Safety
     ///
-    /// `node` is not listed, no other thread accesses it, and it holds its value, or `make` makes it.
-    /// With `cx`, it stays where it is until it is settled or withdrawn.
+    /// `node` is not listed, no other thread accesses it, and it holds its value, or `make` makes
+    /// it. With `cx`, it stays where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn send_now(
         &mut self,
@@ -81,9 +81,9 @@ impl<T, L: Lists> ChannelGuard<'_, T, L> {
         // send finds any receiver there.
         let may_hold = cx.is_some() || buffer.capacity != 0;
         if let Some(receiver) = self.commit_receiver(may_hold) {
-            // SAFETY: the node holds its value, or `make` makes it, and only its future knows it, as
-            // is demanded here; with `cx` it stays. The receiver was just committed and taken off,
-            // or is a registered entry.
+            // SAFETY: the node holds its value, or `make` makes it, and only its future knows it,
+            // as is demanded here; with `cx` it stays. The receiver was just committed and taken
+            // off, or is a registered entry.
             return unsafe { self.send_to(receiver, node, make, cx) };
         }
         if buffer.capacity == 0 {
@@ -143,9 +143,9 @@ impl<T, L: Lists> ChannelGuard<'_, T, L> {
         make: Option<Make<T>>,
         cx: Option<&Context<'_>>,
     ) -> Attempted {
-        // SAFETY: the node holds its value, or it can be made, and only its future knows it until it
-        // is in the list `held`, as is demanded here. The receiver was committed, and holds no value
-        // before it is done. The lock is held until it is settled.
+        // SAFETY: the node holds its value, or it can be made, and only its future knows it until
+        // it is in the list `held`, as is demanded here. The receiver was committed, and holds no
+        // value before it is done. The lock is held until it is settled.
         unsafe {
             let Some(value) = Waiter::take_or_make(node, make) else {
                 return Attempted::Broken(Waiter::settle(receiver, Outcome::Poisoned));

@@ -104,16 +104,23 @@ fn tickless(machine: &Machine) -> Result<Seen, Unread> {
     if tickless.contains(&core) {
         return Ok(Seen::good(write_core_list(&tickless), from));
     }
-    // The file is there if the kernel can do it.
-    let can = machine.source.has(from);
+    // The file is there if the kernel can do it, unless a container hides it.
+    let can = match machine.source.has(from) {
+        true => Some(true),
+        false => {
+            let option = machine.option("CONFIG_NO_HZ_FULL").ok();
+            option.map(|(value, _)| value == "y")
+        }
+    };
     let read = match (can, tickless.is_empty()) {
-        (false, _) => "none: the kernel has no CONFIG_NO_HZ_FULL".to_owned(),
-        (true, true) => "none".to_owned(),
-        (true, false) => format!("{}, not {core}", write_core_list(&tickless)),
+        (Some(false), _) => "none: the kernel has no CONFIG_NO_HZ_FULL".to_owned(),
+        (_, true) => "none".to_owned(),
+        (_, false) => format!("{}, not {core}", write_core_list(&tickless)),
     };
     let kernel = match can {
-        true => "",
-        false => "a kernel that has CONFIG_NO_HZ_FULL=y ",
+        Some(true) => "",
+        Some(false) => "a kernel that has CONFIG_NO_HZ_FULL=y ",
+        None => "(where the kernel has CONFIG_NO_HZ_FULL) ",
     };
     Ok(Seen::better(
         read,

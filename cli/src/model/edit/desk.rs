@@ -1,6 +1,7 @@
 //! What the page asks for, and what it gets.
 
 use super::file::Kept;
+use super::findings::Progress;
 use super::{findings, page};
 use crate::failure::Failure;
 use luna_model::edit::{Draft, Edit, EditError, Thing};
@@ -25,10 +26,12 @@ enum Request {
     },
     Undo,
     Redo,
-    /// Looks at so many states at most.
+    /// Looks at so many states at most, or as the model states.
     Check {
-        max_states: usize,
+        max_states: Option<usize>,
     },
+    /// How far has a check come?
+    Progress,
     Times,
 }
 
@@ -36,6 +39,7 @@ enum Request {
 #[derive(Debug)]
 pub(super) struct Desk {
     costs: Option<PathBuf>,
+    progress: Progress,
     state: Mutex<State>,
 }
 
@@ -64,6 +68,7 @@ impl Desk {
         let draft = Draft::new(&file.name, file.content()).map_err(crate::model::problem)?;
         Ok(Self {
             costs,
+            progress: Progress::default(),
             state: Mutex::new(State {
                 file,
                 draft,
@@ -91,8 +96,9 @@ impl Desk {
     fn handle(&self, request: Request) -> Value {
         match request {
             Request::Check { max_states } => {
-                self.of_model(|model| findings::check(model, max_states.max(1)))
+                self.of_model(|model| findings::check(model, max_states, &self.progress))
             }
+            Request::Progress => self.progress.shown(),
             Request::Times => self.of_model(|model| findings::times(model, self.costs.as_deref())),
             Request::Look { version } => {
                 let mut state = self.state();
@@ -165,7 +171,7 @@ impl State {
             Request::Edit { edits } => self.draft.apply(&edits)?,
             Request::Undo => drop(self.draft.undo()),
             Request::Redo => drop(self.draft.redo()),
-            Request::Look { .. } | Request::Check { .. } | Request::Times => {}
+            Request::Look { .. } | Request::Check { .. } | Request::Progress | Request::Times => {}
         }
         self.version += 1;
         let text = self.draft.text();
@@ -177,7 +183,9 @@ impl State {
     }
 
     fn shown(&self, refused: Option<Refused>, has_costs: bool) -> Value {
-        let problem = self.draft.model().err();
+        let model = self.draft.model();
+        let max_states = model.as_ref().ok().map(Model::max_states);
+        let problem = model.err();
         let (undo, redo) = self.draft.steps();
         json!({
             "type": "view",
@@ -195,6 +203,7 @@ impl State {
             "redo": redo,
             "note": self.blocked.as_ref().or(self.note.as_ref()),
             "has_costs": has_costs,
+            "max_states": max_states,
         })
     }
 

@@ -5,13 +5,14 @@ const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, kind and content.
-const FILES: [(&str, &str, &[u8]); 8] = [
+const FILES: [(&str, &str, &[u8]); 9] = [
     ("/", HTML, include_bytes!("page/index.html")),
     ("/editor.css", CSS, include_bytes!("page/editor.css")),
     ("/main.js", SCRIPT, include_bytes!("page/main.js")),
     ("/talk.js", SCRIPT, include_bytes!("page/talk.js")),
     ("/canvas.js", SCRIPT, include_bytes!("page/canvas.js")),
     ("/wires.js", SCRIPT, include_bytes!("page/wires.js")),
+    ("/ways.js", SCRIPT, include_bytes!("page/ways.js")),
     ("/panel.js", SCRIPT, include_bytes!("page/panel.js")),
     ("/findings.js", SCRIPT, include_bytes!("page/findings.js")),
 ];

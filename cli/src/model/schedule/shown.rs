@@ -82,7 +82,7 @@ impl<'a> Shown<'a> {
             "DEADLINE", "SLACK", "VERDICT",
         ];
         let rows = self.parts.iter().map(Part::cells);
-        let mut text = format!("{}: response times, all times in us\n", self.model);
+        let mut text = format!("{}: response times, all times in µs\n", self.model);
         text += &of_rows(head, &[4, 5, 6, 7, 8, 9, 10, 11], rows);
         for part in &self.parts {
             if let Some(advice) = part.advice {

@@ -24,7 +24,7 @@ fn csv_has_a_row_for_each_instant() {
         format!("{head}{rows}")
     );
     let messages = fs::read_to_string(folder.join("run.messages.csv")).unwrap();
-    let expected = "time,level,thread,process,target,text\n\
+    let expected = "time [s],level,thread,process,target,text\n\
                     0.001500000,WARN,console,process 7,arm,\"too \"\"hot\"\", stop\"\n\
                     0.004000000,INFO,console,process 7,arm,\"two\nlines\"\n";
     assert_eq!(messages, expected);
@@ -118,7 +118,7 @@ fn what_is_not_selected_is_left_out() {
 
 /// Two signals of one loop, sampled at instants of their own, and one that is slower.
 #[test]
-fn a_row_is_a_cycle_on_request() {
+fn a_row_is_a_cycle_where_loops_were_recorded() {
     use luna_events::code;
     let (folder, file) = recording("per-cycle");
     let mut writer = Writer::new(Vec::new()).unwrap();
@@ -173,19 +173,14 @@ fn a_row_is_a_cycle_on_request() {
         writer.put(&Record::Event(event)).unwrap();
     }
     fs::write(&file, writer.finish().unwrap()).unwrap();
-    let table = |more: &[&str]| {
-        let base = [
-            "convert",
-            path(&file),
-            "--to",
-            "csv",
-            "--per-cycle",
-            "control",
-        ];
+    let convert = |more: &[&str]| {
+        let base = ["convert", path(&file), "--to", "csv"];
         let output = luna(&[&base, more].concat());
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-        fs::read_to_string(folder.join("run.csv")).unwrap()
+        let table = fs::read_to_string(folder.join("run.csv")).unwrap();
+        (table, text(&output.stdout).to_owned())
     };
+    let table = |more: &[&str]| convert(&[&["--per-cycle", "control"], more].concat()).0;
     let rows = "time [s],error,output,slow\n\
                 0.000000995,1,2.5,3\n\
                 0.000001995,4,5,\n\
@@ -198,6 +193,19 @@ fn a_row_is_a_cycle_on_request() {
             .count(),
         5
     );
+    // Without a word the loop with the most cycles gives the rows, of those in which something was
+    // sampled.
+    let (by_default, said) = convert(&[]);
+    assert_eq!(by_default + "0.000002995,,,\n", rows);
+    assert!(
+        said.contains("a row is a cycle of control; --per-sample"),
+        "{said}"
+    );
+    // One came before the first cycle, and one had a later one in its own.
+    assert!(said.contains("2 samples not in the rows"), "{said}");
+    let (samples, said) = convert(&["--per-sample"]);
+    assert_eq!(samples.lines().count(), 1 + 7, "{samples}");
+    assert!(!said.contains("cycle"), "{said}");
     // Cycles are rows also where their events are left out.
     let held = rows.replace("5,\n", "5,3\n").replace(",,,\n", ",4,5,3\n");
     fs::remove_file(folder.join("run.events.csv")).unwrap();

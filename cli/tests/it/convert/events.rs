@@ -11,7 +11,7 @@ fn events_are_rows_in_words() {
     assert!(said.contains("0 messages, 23 events"), "{said}");
     assert!(said.contains("4 events were lost"), "{said}");
     let rows = fs::read_to_string(folder.join("run.events.csv")).unwrap();
-    let expected = "time,event,thread,subject,first,second\n\
+    let expected = "time [s],event,thread,subject,first,second\n\
                     0.000000000,executor asleep,thread of main,main,,\n\
                     0.000000010,executor awake,thread of main,main,,\n\
                     0.000000011,ready,thread of main,source,,\n\

@@ -59,7 +59,10 @@ pub enum Record<'a> {
         subject: Subject,
         /// Its number.
         number: u32,
-        /// The number of its parent (a sub-process' or loop's process); 0 if it has none.
+        /// The number of its parent (a sub-process' or loop's process); 0 if it has none. Of a
+        /// channel, what its buffer is: 0 if that is not known; else four times the capacity, and 1
+        /// of a FIFO or a rendezvous, 2 of one that drops its oldest value, 3 of one that drops its
+        /// newest.
         parent: u32,
         /// Its name.
         name: &'a str,

@@ -203,13 +203,16 @@ impl Names {
             code::SLOT => (self.of(Subject::Loop, subject), number(a), number(b)),
             code::LATE => (self.of(Subject::Loop, subject), number(a), late_cause(b)),
             code::EMERGENCY => {
-                let degree = match a {
-                    0 => "normal",
-                    1 => "warning",
-                    2 => "safe state",
-                    _ => "emergency",
+                let (degree, signal) = match (a, b) {
+                    (0, _) => ("normal", ""),
+                    (1, _) => ("warning", ""),
+                    (2, _) => ("safe state", ""),
+                    (_, 1) => ("stopped", "SIGHUP"),
+                    (_, 2) => ("stopped", "SIGINT"),
+                    (_, 15) => ("stopped", "SIGTERM"),
+                    _ => ("emergency", ""),
                 };
-                (self.process(subject), degree.to_owned(), none())
+                (self.process(subject), degree.to_owned(), signal.to_owned())
             }
             code::SUB_RUNNING => {
                 let around = match b {

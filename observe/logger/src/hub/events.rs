@@ -95,7 +95,7 @@ impl Hub {
             return;
         };
         let (number, writer) = self.add_events(&names, known, rooms.events, lane::thread_name);
-        names.name(events::Kind::Executor, number, lane::thread_name(number));
+        names.name(events::Kind::Executor, number, 0, lane::thread_name(number));
         events::attach(writer);
     }
 
@@ -125,15 +125,16 @@ impl Hub {
         (number, writer)
     }
 
-    /// Names a subject that existed before the recording: its kind and number. Allocates.
-    pub fn name(&self, kind: events::Kind, number: u32, name: String) {
+    /// Names a subject that existed before the recording: its kind and number, and what a name
+    /// record has as its parent. Allocates.
+    pub fn name(&self, kind: events::Kind, number: u32, of: u32, name: String) {
         if let Some(names) = self
             .events
             .names
             .get()
             .and_then(|heard| heard.names.upgrade())
         {
-            names.name(kind, number, name);
+            names.name(kind, number, of, name);
         }
     }
 

@@ -196,7 +196,7 @@ impl Events {
         if let Some(RunsOn { executor, .. }) = runs_on {
             self.mention(Kind::Executor, executor.into(), put);
         }
-        if parent != 0 {
+        if parent != 0 && subject != Subject::Channel {
             self.mention(Kind::Process, parent.into(), put);
         }
     }

@@ -67,7 +67,14 @@ pub struct Logging {
     sync: Option<Duration>,
     end_within: Duration,
     replaces: bool,
+    beside: Beside,
 }
+
+/// Sinks beside the first one.
+#[derive(Default)]
+struct Beside(Vec<Box<dyn Sink>>);
+
+luna_platform::debug_fields!(Beside, |beside| sinks: beside.0.len());
 
 enum Target {
     File(PathBuf),
@@ -192,7 +199,25 @@ impl Logging {
             sync: None,
             end_within: AT_END,
             replaces: false,
+            beside: Beside::default(),
         }
+    }
+
+    /// Into `sink` too, as [`Tee`] has it: what it refuses is missing there alone.
+    ///
+    /// ```
+    /// use luna_logger::{Hub, Logging, Recorder, WriterSink};
+    ///
+    /// let hub = Hub::new("bench", Default::default());
+    /// let first = WriterSink::new(std::io::sink());
+    /// let recording = Logging::to_sink(first).beside(WriterSink::new(std::io::sink()));
+    /// let report = Recorder::start(&hub, recording)?.finish();
+    /// assert!(report.error.is_none());
+    /// # Ok::<(), luna_logger::StartError>(())
+    /// ```
+    pub fn beside(mut self, sink: impl Sink + 'static) -> Self {
+        self.beside.0.push(Box::new(sink));
+        self
     }
 
     /// Room in each thread's ring, in samples of one element; default 32 768. It is allocated when
@@ -269,6 +294,14 @@ impl Logging {
     }
 }
 
+/// The sink, with those beside it.
+fn with_others(sink: Box<dyn Sink>, Beside(beside): Beside) -> Box<dyn Sink> {
+    match beside.is_empty() {
+        true => sink,
+        false => Box::new(beside.into_iter().fold(Tee::of(sink), Tee::and_boxed)),
+    }
+}
+
 /// What a place begins with that is on another computer.
 pub(crate) const TCP: &str = "tcp://";
 pub(crate) const UDP: &str = "udp://";
@@ -313,6 +346,7 @@ impl Recorder {
             sync,
             end_within,
             replaces,
+            beside,
         } = recording;
         let (to, sink) = match target {
             Target::File(path) => {
@@ -335,6 +369,7 @@ impl Recorder {
         };
         let no_thread = |error: io::Error| StartError::Thread(error.to_string());
         let sink = sink
+            .map(|sink| with_others(sink, beside))
             .and_then(|mut sink| {
                 sink.is_of(&hub.system);
                 sink.begin(&Encoder::head()).map(|()| sink)

@@ -46,17 +46,25 @@ struct Other {
 impl Tee {
     /// To `first`, and others that [`and`](Self::and) names.
     pub fn new(first: impl Sink + 'static) -> Self {
+        Self::of(Box::new(first))
+    }
+
+    pub(super) fn of(first: Box<dyn Sink>) -> Self {
         Self {
-            first: Box::new(first),
+            first,
             others: Vec::new(),
             wants_declarations: false,
         }
     }
 
     /// And to `other`.
-    pub fn and(mut self, other: impl Sink + 'static) -> Self {
+    pub fn and(self, other: impl Sink + 'static) -> Self {
+        self.and_boxed(Box::new(other))
+    }
+
+    pub(super) fn and_boxed(mut self, other: Box<dyn Sink>) -> Self {
         self.others.push(Other {
-            sink: Some(Box::new(other)),
+            sink: Some(other),
             sequence: 0,
             is_behind: false,
             refused: Arc::default(),

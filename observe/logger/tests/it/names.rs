@@ -26,7 +26,7 @@ fn no_names_are_collected_after_the_recording() {
     assert_eq!(recorder.finish().error, None);
     // The hub lives on, as it does while signals of it exist.
     assert!(!is_asked());
-    hub.name(Kind::Channel, 1, "late".to_owned());
+    hub.name(Kind::Channel, 1, 0, "late".to_owned());
     drop(hub);
     let without = Hub::new("pump", Default::default());
     let recorder = Recorder::start(&without, to_nowhere()).unwrap();

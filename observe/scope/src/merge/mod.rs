@@ -11,7 +11,7 @@ mod tests;
 
 use held::{Held, What};
 use luna_events::code;
-use luna_logger::format::{ClockBase, Losing, MAX_SIGNALS, Record, RunsOn, SignalInfo};
+use luna_logger::format::{ClockBase, Losing, MAX_SIGNALS, Record, RunsOn, SignalInfo, Subject};
 use program::Program;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
@@ -165,7 +165,7 @@ impl Merge {
                 name,
                 runs_on,
             } => {
-                let is_code = subject == luna_logger::format::Subject::Code;
+                let is_code = subject == Subject::Code;
                 let named = match is_code {
                     true => name.into(),
                     false => program.named(name),
@@ -173,7 +173,11 @@ impl Merge {
                 out(&Record::Name {
                     subject,
                     number: program.subject(subject, number),
-                    parent: program.number(parent),
+                    parent: match subject {
+                        // What its buffer is.
+                        Subject::Channel => parent,
+                        _ => program.number(parent),
+                    },
                     name: &named,
                     runs_on: runs_on.map(|RunsOn { executor, level }| RunsOn {
                         executor: program.thread(executor),

@@ -5,7 +5,7 @@
 //!
 //! What the file places is where it says; what it does not place is laid out as if nothing were.
 
-use super::picture::{Arrow, Item, contents, details, short};
+use super::picture::{Arrow, Groups, Item, contents, details, short};
 use crate::file::At;
 use crate::network::Network;
 use rust_sugiyama::configure::Config;
@@ -15,8 +15,11 @@ pub(super) const MARGIN: f64 = 24.0;
 /// Above what is in a group: its name.
 pub(super) const TITLE: f64 = 22.0;
 const HEIGHT: f64 = 44.0;
-const LETTER: f64 = 7.2;
+pub(super) const LETTER: f64 = 7.2;
 const SPACING: f64 = 64.0;
+/// From so many rows on, and if it is so much higher than wide, a chain becomes columns.
+const MANY_ROWS: usize = 5;
+const HIGH: f64 = 1.6;
 /// Room for `waits for` before the name of a channel, in letters of a name. It is written smaller.
 const WAITS: f64 = 7.0;
 const SMALLER: f64 = 0.8;
@@ -30,6 +33,12 @@ pub(super) struct Area {
     pub(super) height: f64,
 }
 
+impl Area {
+    pub(super) fn center(&self) -> (f64, f64) {
+        (self.x + self.width / 2.0, self.y + self.height / 2.0)
+    }
+}
+
 /// All in units of a pixel.
 #[derive(Debug)]
 pub(super) struct Layout {
@@ -37,11 +46,11 @@ pub(super) struct Layout {
     pub(super) processes: Vec<Area>,
 }
 
-pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
-    let contents = contents(network);
-    let edges = edges(network, arrows);
+pub(super) fn layout(network: &Network, groups: &Groups<'_>, arrows: &[Arrow]) -> Layout {
+    let contents = contents(groups);
+    let edges = edges(groups, arrows);
     let mut found = Layout {
-        groups: vec![Area::default(); network.groups.len()],
+        groups: vec![Area::default(); groups.all.len()],
         processes: vec![Area::default(); network.processes.len()],
     };
     let waits = waits(network);
@@ -51,10 +60,10 @@ pub(super) fn layout(network: &Network, arrows: &[Arrow]) -> Layout {
         area.width = area.width.max(waits[number] * LETTER + MARGIN);
     }
     // A group stands behind the one that it is in.
-    for number in (0..network.groups.len()).rev() {
-        let title = short(&network.groups[number].name).chars().count() as f64 * LETTER + MARGIN;
+    for number in (0..groups.all.len()).rev() {
+        let title = groups.all[number].name.chars().count() as f64 * LETTER + MARGIN;
         let size = arrange(&mut found, &contents[number], &edges[number]);
-        let (width, height) = place(network, &mut found, &contents[number], size);
+        let (width, height) = place(network, groups, &mut found, &contents[number], size);
         let group = &mut found.groups[number];
         group.width = (width + 2.0 * MARGIN).max(title);
         group.height = height + 2.0 * MARGIN + TITLE;
@@ -108,9 +117,15 @@ pub(crate) fn size(first: &str, second: &str) -> (f64, f64) {
 }
 
 /// Puts what the file places where it says, and all of it into the group; returns its size.
-fn place(network: &Network, found: &mut Layout, items: &[Item], size: (f64, f64)) -> (f64, f64) {
+fn place(
+    network: &Network,
+    groups: &Groups<'_>,
+    found: &mut Layout,
+    items: &[Item],
+    size: (f64, f64),
+) -> (f64, f64) {
     let at = |item: Item| match item {
-        Item::Group(number) => network.groups[number].at,
+        Item::Group(number) => groups.all[number].at,
         Item::Process(number) => network.processes[number].at,
     };
     if items.iter().all(|&item| at(item).is_none()) {
@@ -156,17 +171,17 @@ impl Layout {
 type Edges = BTreeSet<(Item, Item)>;
 
 /// For each group the arrows between what is directly in it.
-fn edges(network: &Network, arrows: &[Arrow]) -> Vec<Edges> {
+fn edges(groups: &Groups<'_>, arrows: &[Arrow]) -> Vec<Edges> {
     let way = |process: usize| {
-        let mut group = network.processes[process].group;
+        let mut group = groups.of[process];
         let mut way = vec![(group, Item::Process(process))];
-        while let Some(parent) = network.groups[group].parent {
+        while let Some(parent) = groups.all[group].parent {
             way.push((parent, Item::Group(group)));
             group = parent;
         }
         way
     };
-    let mut edges = vec![Edges::new(); network.groups.len()];
+    let mut edges = vec![Edges::new(); groups.all.len()];
     for arrow in arrows {
         let (from, to) = (way(arrow.from), way(arrow.to));
         let common = from.iter().find_map(|&(group, item)| {
@@ -213,7 +228,9 @@ fn arrange(found: &mut Layout, items: &[Item], edges: &Edges) -> (f64, f64) {
                 };
                 (number, area)
             });
-            areas.collect()
+            let mut areas: Vec<(usize, Area)> = areas.collect();
+            fold(&mut areas);
+            areas
         })
         .collect();
     parts.sort_by_key(|part| part.iter().map(|(number, _)| *number).min());
@@ -241,6 +258,49 @@ fn arrange(found: &mut Layout, items: &[Item], edges: &Edges) -> (f64, f64) {
         width = width.max(x - SPACING);
     }
     (width, y + row)
+}
+
+/// What is much higher than wide, as a long chain is, becomes columns: its rows go on at the top of
+/// the next one.
+fn fold(part: &mut [(usize, Area)]) {
+    let height = bounds(part).height;
+    let mut rows: Vec<f64> = part.iter().map(|(_, area)| area.center().1).collect();
+    rows.sort_by(f64::total_cmp);
+    rows.dedup_by(|a, b| (*a - *b).abs() < 1.0);
+    if rows.len() < MANY_ROWS {
+        return;
+    }
+    // In its row each box keeps its distance from the others.
+    let row = |area: &Area| rows.partition_point(|row| *row < area.center().1 - 1.0);
+    let mut of_rows = vec![Vec::new(); rows.len()];
+    for &(number, area) in part.iter() {
+        if let Some(of_row) = of_rows.get_mut(row(&area)) {
+            of_row.push((number, area));
+        }
+    }
+    let bounds_of_rows: Vec<Area> = of_rows.iter().map(|row| bounds(row)).collect();
+    let widest = bounds_of_rows
+        .iter()
+        .map(|row| row.width)
+        .fold(0.0, f64::max);
+    if height <= widest * HIGH {
+        return;
+    }
+    let count = (height / HIGH / (widest + SPACING)).sqrt().ceil().max(2.0);
+    let (most, mut x, mut y) = (height / count, 0.0, 0.0);
+    let mut moves = Vec::new();
+    for row in &bounds_of_rows {
+        if y > 0.0 && y + row.height / 2.0 > most {
+            (x, y) = (x + widest + 1.5 * SPACING, 0.0);
+        }
+        moves.push((x + (widest - row.width) / 2.0 - row.x, y - row.y));
+        y += row.height + SPACING;
+    }
+    for (_, area) in part {
+        if let Some((dx, dy)) = moves.get(row(area)) {
+            (area.x, area.y) = (area.x + dx, area.y + dy);
+        }
+    }
 }
 
 fn bounds(part: &[(usize, Area)]) -> Area {

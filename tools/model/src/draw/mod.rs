@@ -1,9 +1,11 @@
 //! Drawings of composition and communication.
 
 mod dot;
+mod labels;
 pub(crate) mod layout;
 mod mermaid;
 mod picture;
+mod route;
 mod sequence;
 mod svg;
 

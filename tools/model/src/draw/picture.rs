@@ -1,5 +1,6 @@
 //! What is drawn: boxes in boxes, and arrows between the innermost ones.
 
+use crate::file::At;
 use crate::network::{Buffering, Network};
 use std::collections::BTreeMap;
 
@@ -57,16 +58,76 @@ pub(super) fn arrows(network: &Network) -> Vec<Arrow> {
     arrows.collect()
 }
 
+/// A box around others: the system, a part that is made of parts, or processes whose names differ
+/// in their last word alone.
+#[derive(Debug)]
+pub(super) struct Group<'a> {
+    pub(super) name: &'a str,
+    pub(super) parent: Option<usize>,
+    pub(super) at: Option<At>,
+}
+
+/// Which boxes are in which.
+#[derive(Debug)]
+pub(super) struct Groups<'a> {
+    /// The system first; a group stands behind the one that it is in.
+    pub(super) all: Vec<Group<'a>>,
+    /// Of each process the group that it is in.
+    pub(super) of: Vec<usize>,
+}
+
+/// So many processes in one box are too many to be told apart: those whose names differ in their last
+/// word alone are put together.
+const MANY: usize = 12;
+
+/// The groups of the model, and those of names.
+pub(super) fn groups(network: &Network) -> Groups<'_> {
+    let of_model = network.groups.iter().map(|group| Group {
+        name: short(&group.name),
+        parent: group.parent,
+        at: group.at,
+    });
+    let mut groups = Groups {
+        all: of_model.collect(),
+        of: network.processes.iter().map(|one| one.group).collect(),
+    };
+    for parent in 0..network.groups.len() {
+        let within = (0..groups.of.len()).filter(|one| groups.of[*one] == parent);
+        let within: Vec<usize> = within.collect();
+        let is_placed = |one: &usize| network.processes[*one].at.is_some();
+        if within.len() < MANY || within.iter().any(is_placed) {
+            continue;
+        }
+        let mut by_words: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        for &process in &within {
+            let name = short(&network.processes[process].name);
+            if let Some((words, _)) = name.rsplit_once(['_', ' ', '/']) {
+                by_words.entry(words).or_default().push(process);
+            }
+        }
+        by_words.retain(|_, processes| (2..within.len()).contains(&processes.len()));
+        for (name, processes) in by_words {
+            for process in processes {
+                groups.of[process] = groups.all.len();
+            }
+            let parent = Some(parent);
+            let at = None;
+            groups.all.push(Group { name, parent, at });
+        }
+    }
+    groups
+}
+
 /// Each group's content.
-pub(super) fn contents(network: &Network) -> Vec<Vec<Item>> {
-    let mut contents = vec![Vec::new(); network.groups.len()];
-    for (number, group) in network.groups.iter().enumerate() {
+pub(super) fn contents(groups: &Groups<'_>) -> Vec<Vec<Item>> {
+    let mut contents = vec![Vec::new(); groups.all.len()];
+    for (number, group) in groups.all.iter().enumerate() {
         if let Some(parent) = group.parent {
             contents[parent].push(Item::Group(number));
         }
     }
-    for (number, process) in network.processes.iter().enumerate() {
-        contents[process.group].push(Item::Process(number));
+    for (process, group) in groups.of.iter().enumerate() {
+        contents[*group].push(Item::Process(process));
     }
     contents
 }
@@ -104,7 +165,8 @@ pub(super) struct Text {
 
 /// The groups with what is in them, and then the arrows.
 pub(super) fn written(network: &Network, text: &Text) -> String {
-    let mut lines = inner(network, text, &contents(network), 0, "  ");
+    let groups = groups(network);
+    let mut lines = inner(network, &groups, text, &contents(&groups), 0, "  ");
     for arrow in arrows(network) {
         let label = (text.quoted)(&arrow.label);
         lines += &format!("  {}\n", (text.arrow)(arrow.from, arrow.to, &label));
@@ -114,6 +176,7 @@ pub(super) fn written(network: &Network, text: &Text) -> String {
 
 fn inner(
     network: &Network,
+    groups: &Groups<'_>,
     text: &Text,
     contents: &[Vec<Item>],
     group: usize,
@@ -126,9 +189,16 @@ fn inner(
             format!("{indent}{}\n", (text.process)(process, &label))
         }
         Item::Group(group) => {
-            let label = (text.quoted)(short(&network.groups[group].name));
+            let label = (text.quoted)(groups.all[group].name);
             let begin = (text.group)(group, &label, indent);
-            let within = inner(network, text, contents, group, &format!("{indent}  "));
+            let within = inner(
+                network,
+                groups,
+                text,
+                contents,
+                group,
+                &format!("{indent}  "),
+            );
             format!("{indent}{begin}\n{within}{indent}{}\n", text.end)
         }
     });

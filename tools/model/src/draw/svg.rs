@@ -1,31 +1,40 @@
 //! SVG: one file without scripts, links or fonts of its own.
 
-use super::layout::{Area, MARGIN, layout};
-use super::picture::{Arrow, arrows, details, short};
+use super::labels::Taken;
+use super::layout::{Area, LETTER, MARGIN, layout};
+use super::picture::{Arrow, Group, arrows, details, groups, short};
+use super::route::{Point, ways};
 use crate::network::{Buffering, Network};
 use std::fmt::Write;
 
 /// By attributes instead of a style sheet, which the scope's page does not take.
-const TEXT: &str =
-    "font-family=\"sans-serif\" font-size=\"12\" text-anchor=\"middle\" fill=\"#222\"";
-const SMALL: &str = "font-size=\"10\" fill=\"#555\"";
-const LABEL: &str = "font-size=\"10\" fill=\"#345\" paint-order=\"stroke\" stroke=\"#fff\" \
+const TEXT: &str = "class=\"texts\" font-family=\"sans-serif\" font-size=\"12\" text-anchor=\"middle\" fill=\"#222\"";
+const SMALL: &str = "class=\"small\" font-size=\"10\" fill=\"#555\"";
+const LABEL: &str = "class=\"label\" font-size=\"10\" fill=\"#345\" paint-order=\"stroke\" stroke=\"#fff\" \
     stroke-width=\"3\"";
+
+/// The dark theme, where it is asked for. The scope's page leaves it out, and has its own.
+const DARK: &str = "<style id=\"dark\">@media (prefers-color-scheme: dark) { \
+    .ground { fill: #151a21 } .g { stroke: #6d7888 } .p { fill: #1f2b48; stroke: #86a8ff } \
+    .a { stroke: #9aa5b5 } .texts { fill: #e8ebf1 } .small { fill: #9aa5b5 } \
+    .label { fill: #c3ccda; stroke: #151a21 } }</style>\n";
 
 /// The drawing. Processes and channels have the attributes by which the scope's page animates them.
 pub(crate) fn svg(network: &Network) -> String {
     let arrows = arrows(network);
-    let layout = layout(network, &arrows);
+    let groups = groups(network);
+    let layout = layout(network, &groups, &arrows);
     let all = layout.groups.first().copied().unwrap_or_default();
     let (width, height) = (all.width.ceil(), all.height.ceil());
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
          viewBox=\"0 0 {width} {height}\">\n<title>{}</title>\n\
-         <rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n<g {TEXT}>\n",
+         {DARK}<rect class=\"ground\" width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n\
+         <g {TEXT}>\n",
         escaped(&network.name)
     );
     // Writing to a string cannot fail.
-    for (group, area) in network.groups.iter().zip(&layout.groups) {
+    for (group, area) in groups.all.iter().zip(&layout.groups) {
         let (x, y) = (area.x + MARGIN / 2.0, area.y + MARGIN);
         let _ = writeln!(
             text,
@@ -33,11 +42,11 @@ pub(crate) fn svg(network: &Network) -> String {
              stroke-dasharray=\"4 3\"/><text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"start\" \
              font-weight=\"bold\">{}</text>",
             rectangle(area),
-            escaped(short(&group.name))
+            escaped(group.name)
         );
     }
     for (number, (process, area)) in network.processes.iter().zip(&layout.processes).enumerate() {
-        let (x, y) = center(area);
+        let (x, y) = area.center();
         let name = escaped(&process.name);
         let _ = writeln!(
             text,
@@ -52,11 +61,21 @@ pub(crate) fn svg(network: &Network) -> String {
             escaped(&details(network, number))
         );
     }
-    for arrow in &arrows {
-        let (from, to) = (&layout.processes[arrow.from], &layout.processes[arrow.to]);
-        let (path, (x, y)) = match arrow.from == arrow.to {
-            true => circle(from),
-            false => curve(from, to),
+    let ways = ways(&layout.processes, &arrows);
+    let mut taken = Taken::within(all);
+    let titles = groups.all.iter().zip(&layout.groups);
+    for area in layout.processes.iter().copied().chain(titles.map(title)) {
+        taken.take(area);
+    }
+    for (arrow, way) in arrows.iter().zip(&ways) {
+        let (path, (x, y)) = match way {
+            Some(way) => {
+                let (points, path) = (way.points(), way.path());
+                let tip = points.last().copied().unwrap_or_default();
+                let place = taken.place(&arrow.label, &points);
+                (path + &head(way.before_end(), tip), place)
+            }
+            None => circle(&layout.processes[arrow.from]),
         };
         let channels = channels(network, arrow);
         let _ = writeln!(
@@ -97,44 +116,14 @@ fn channels(network: &Network, arrow: &Arrow) -> String {
     }
 }
 
-type Point = (f64, f64);
-
-fn center(area: &Area) -> Point {
-    (area.x + area.width / 2.0, area.y + area.height / 2.0)
-}
-
-/// From edge to edge, bent to its left, so that the arrows of both directions are apart; with the
-/// place of the label.
-fn curve(from: &Area, to: &Area) -> (String, Point) {
-    let (a, b) = (center(from), center(to));
-    let (dx, dy) = (b.0 - a.0, b.1 - a.1);
-    let length = dx.hypot(dy).max(1.0);
-    let bend = (length / 8.0).min(40.0) + 8.0;
-    let (x, y) = (
-        (a.0 + b.0) / 2.0 + dy / length * bend,
-        (a.1 + b.1) / 2.0 - dx / length * bend,
-    );
-    let (start, end) = (edge(from, (x, y)), edge(to, (x, y)));
-    let path = format!(
-        "M{:.1} {:.1}Q{x:.1} {y:.1} {:.1} {:.1}{}",
-        start.0,
-        start.1,
-        end.0,
-        end.1,
-        head((x, y), end)
-    );
-    let middle = |start: f64, control: f64, end: f64| (start + 2.0 * control + end) / 4.0;
-    (path, (middle(start.0, x, end.0), middle(start.1, y, end.1)))
-}
-
-/// Where the line from the center to a point leaves the rectangle.
-fn edge(area: &Area, to: Point) -> Point {
-    let (x, y) = center(area);
-    let (dx, dy) = (to.0 - x, to.1 - y);
-    let by_width = area.width / 2.0 / dx.abs().max(0.001);
-    let by_height = area.height / 2.0 / dy.abs().max(0.001);
-    let part = by_width.min(by_height).min(1.0);
-    (x + dx * part, y + dy * part)
+/// Where a group's name stands.
+fn title((group, area): (&Group<'_>, &Area)) -> Area {
+    let width = group.name.chars().count() as f64 * LETTER + MARGIN / 2.0;
+    Area {
+        width,
+        height: MARGIN + 6.0,
+        ..*area
+    }
 }
 
 /// A process that sends to itself.

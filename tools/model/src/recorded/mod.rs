@@ -18,7 +18,7 @@ pub struct Recorded {
     pub system: String,
     /// Its processes; several of one name are one.
     pub processes: Vec<RecordedProcess>,
-    /// Its channels; several of one name are one.
+    /// Its channels, each with a name of its own: see [`same_names`](Self::same_names).
     pub channels: Vec<RecordedChannel>,
     /// Its executors and threads; several of one name are one.
     pub executors: Vec<RecordedExecutor>,
@@ -42,6 +42,9 @@ pub struct RecordedProcess {
 pub struct RecordedChannel {
     /// Its name.
     pub name: String,
+    /// What its buffer is, as a model says it: `fifo 3`, `overwrite_oldest 1`; empty of a
+    /// rendezvous. `None` if it is not known: then it is taken from the next two.
+    pub buffer: Option<String>,
     /// How many values it held at most, if it overwrites none. 0: senders and receivers met.
     pub held: usize,
     /// The least size of an overwriting buffer with which all receives find a value. 0 if that is not
@@ -114,6 +117,30 @@ pub(crate) fn outside(is_taken: impl Fn(&str) -> bool) -> String {
 }
 
 impl Recorded {
+    /// The names that several channels have, each once. Of these, a model cannot be made: in it
+    /// they would be one channel.
+    ///
+    /// ```
+    /// use luna_model::{Recorded, RecordedChannel};
+    ///
+    /// let channel = |name: &str| RecordedChannel { name: name.to_owned(), ..Default::default() };
+    /// let recorded = Recorded {
+    ///     channels: vec![channel("way"), channel("back"), channel("way")],
+    ///     ..Default::default()
+    /// };
+    /// assert_eq!(recorded.same_names(), ["way"]);
+    /// ```
+    #[must_use]
+    pub fn same_names(&self) -> Vec<&str> {
+        let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+        let again = self.channels.iter().filter(|channel| {
+            let times = seen.entry(name_in_model(&channel.name)).or_default();
+            *times += 1;
+            *times == 2
+        });
+        again.map(|channel| channel.name.as_str()).collect()
+    }
+
     /// A model file with a process for each name. A process takes its communications in any order:
     /// that is for the reader to refine. `source` is where it comes from, for a comment.
     ///
@@ -151,12 +178,12 @@ impl Recorded {
             text += &definition(name, part);
         }
         text += &self.executors();
-        for (name, [held, least]) in self.channels() {
+        for (name, channel) in self.channels() {
             let _ = write!(
                 text,
                 "\n[system.channel.{}]\n{}",
                 key(&name),
-                buffer(held, least)
+                buffer(channel)
             );
         }
         for (name, part) in &parts {
@@ -205,16 +232,11 @@ impl Recorded {
         parts
     }
 
-    /// By their names in the model, with what they held, and must hold. Buffers of one name hold
-    /// together what each of them holds.
-    fn channels(&self) -> BTreeMap<String, [usize; 2]> {
-        let mut channels: BTreeMap<String, [usize; 2]> = BTreeMap::new();
-        for channel in &self.channels {
-            let [held, least] = channels.entry(name_in_model(&channel.name)).or_default();
-            *held = held.saturating_add(channel.held);
-            *least = least.saturating_add(channel.least);
-        }
-        channels
+    /// By their names in the model.
+    fn channels(&self) -> BTreeMap<String, &RecordedChannel> {
+        let channels = self.channels.iter();
+        let named = channels.map(|channel| (name_in_model(&channel.name), channel));
+        named.collect()
     }
 
     fn executors(&self) -> String {

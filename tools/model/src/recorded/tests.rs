@@ -15,6 +15,7 @@ fn process(name: &str) -> RecordedProcess {
 fn channel(name: &str, held: usize, from: &[usize], to: &[usize]) -> RecordedChannel {
     let users = |users: &[usize]| users.iter().copied().map(Some).collect();
     RecordedChannel {
+        buffer: None,
         name: name.to_owned(),
         held,
         least: 2,
@@ -48,7 +49,7 @@ fn what_ran_becomes_a_model_with_all_that_is_known() {
             channel("image", 3, &[0], &[1]),
             channel("log", 300, &[1], &[]),
             channel("own", 0, &[0], &[0]),
-            channel("own", 0, &[1], &[]),
+            channel("own too", 0, &[1], &[]),
             channel("größe", 0, &[], &[1]),
         ],
         executors: vec![RecordedExecutor {
@@ -65,7 +66,10 @@ fn what_ran_becomes_a_model_with_all_that_is_known() {
     let expected = ["idle", "motor_0", "outside", "outside_", "pan_control"];
     assert_eq!(names, expected);
     let channels: Vec<&str> = model.channel_names().collect();
-    assert_eq!(channels, ["größe", "image", "log", "own", "torque_0"]);
+    assert_eq!(
+        channels,
+        ["größe", "image", "log", "own", "own_too", "torque_0"]
+    );
     let control = &network.processes[4];
     assert_eq!(control.priority, Some(7));
     assert_eq!(control.period, Some(Duration::from_micros(1500)));
@@ -76,7 +80,9 @@ fn what_ran_becomes_a_model_with_all_that_is_known() {
         Buffering::Fifo(3),
         Buffering::OverwriteOldest(2),
     );
-    assert!(kinds.eq([rendezvous, fifo, overwriting, rendezvous, rendezvous]));
+    let four = [rendezvous; 4];
+    let [a, b, c, d] = four;
+    assert!(kinds.eq([a, fifo, overwriting, b, c, d]));
     let own = &network.channels[3];
     assert_eq!(
         (&own.senders[..], &own.receivers[..]),

@@ -1,6 +1,6 @@
 //! The texts of processes, parts and buffers.
 
-use super::{RecordedExecutor, RecordedProcess, name_in_model};
+use super::{RecordedChannel, RecordedExecutor, RecordedProcess, name_in_model};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -17,7 +17,13 @@ pub(super) struct Part {
     pub(super) run: Vec<String>,
 }
 
-pub(super) fn buffer(held: usize, least: usize) -> String {
+pub(super) fn buffer(channel: &RecordedChannel) -> String {
+    let (held, least) = (channel.held, channel.least);
+    match &channel.buffer {
+        Some(none) if none.is_empty() => return String::new(),
+        Some(buffer) => return format!("buffer = {}\n", quoted(buffer)),
+        None => {}
+    }
     match held {
         0 => String::new(),
         _ if least == 0 && held > MAX_BUFFER => {

@@ -1,11 +1,12 @@
 //! What a composition says of a system, for a model file of it.
 
-use crate::recorded::{Recorded, RecordedChannel, RecordedExecutor, RecordedProcess};
+use crate::recorded::{MAX_BUFFER, Recorded, RecordedChannel, RecordedExecutor, RecordedProcess};
 use luna::inspect::{ChannelKind, ChannelPart, Composition, EndUser, ThreadKind};
 
 impl Recorded {
     /// What a system consists of at this moment. A channel without a name has the place in the
-    /// program at which it was made. A buffer that overwrites cannot be distinguished from a FIFO.
+    /// program at which it was made. Of a buffer that overwrites, the model says that it drops its
+    /// oldest value.
     ///
     /// Not real-time: it allocates.
     #[must_use]
@@ -68,6 +69,7 @@ fn recorded(processes: &[RecordedProcess], channel: &ChannelPart) -> Option<Reco
     };
     Some(RecordedChannel {
         name: channel.name.as_ref().unwrap_or(&channel.made_at).clone(),
+        buffer: (channel.overwrites).then(|| format!("overwrite_oldest {}", held.min(MAX_BUFFER))),
         held,
         least: 0,
         senders: users(channel, true).map(place).collect(),

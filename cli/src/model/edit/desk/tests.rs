@@ -75,10 +75,19 @@ fn what_cannot_be_read_is_refused_and_what_is_not_whole_waits() {
         (&shown["is_saved"], &shown["problem"]),
         (&json!(true), &Value::Null)
     );
+    // By the model's limit, which the page shows, or by another.
+    assert_eq!(shown["max_states"], luna_model::DEFAULT_MAX_STATES);
+    let whole = page.ask(&json!({"type": "check", "max_states": null}));
     assert_eq!(
-        page.ask(&json!({"type": "check", "max_states": 1}))["type"],
-        "checked"
+        (&whole["type"], &whole["limit"]),
+        (&json!("checked"), &Value::Null)
     );
+    let cut = page.ask(&json!({"type": "check", "max_states": 1}));
+    assert_eq!(
+        (&cut["is_complete"], &cut["limit"]),
+        (&json!(false), &json!("states"))
+    );
+    assert_eq!(page.ask(&json!({"type": "progress"}))["type"], "progress");
 }
 
 #[test]

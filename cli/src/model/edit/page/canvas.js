@@ -1,7 +1,8 @@
 // The drawing: boxes, their ports and the lines between them; pan, zoom and drag. While a box is
 // dragged, a frame changes this box and its own lines, and nothing else.
 
-import { connected, line } from "./wires.js";
+import { pointAt, placeLabel, way } from "./ways.js";
+import { canMeet, connected } from "./wires.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const GRID = 4;
@@ -53,8 +54,8 @@ export class Canvas {
     for (const part of scope.parts) this.part(part, known.get(part.process));
     this.terminals(scope);
     for (const wire of connected(scope, processes)) this.wire(wire);
-    this.spread();
     for (const wire of this.wires.values()) this.place(wire);
+    this.spread();
     this.choose(this.chosen);
     // The focus comes back, and chooses nothing.
     this.isDrawing = true;
@@ -118,8 +119,9 @@ export class Canvas {
     if (!channel && !(send.length && receive.length)) return;
     const holds = channel?.keys.find(([key]) => key === "buffer")?.[1];
     const array = channel?.keys.find(([key]) => key === "array")?.[1];
-    const label = `${name}${array ? `[${array}]` : ""}${holds ? ` (${holds})` : ""}`;
-    const pairs = send.flatMap((from) => receive.map((to) => [from, to]));
+    const held = holds ? ` (${holds})` : "";
+    const label = `${name}${array ? `[${array}]` : ""}${held}`;
+    const pairs = send.flatMap((from) => receive.filter((to) => canMeet(from, to)).map((to) => [from, to]));
     const open = pairs.length ? [] : [...send.map((from) => [from, null]), ...receive.map((to) => [null, to])];
     const all = [...pairs, ...open];
     all.forEach(([from, to], number) => {
@@ -128,24 +130,24 @@ export class Canvas {
       if (number === 0) g.setAttribute("tabindex", 0);
       const path = make("path");
       // Beside each other, if they have the same ends.
-      const text = make("text", {}, number === 0 || all.length < 4 ? label : "");
+      const element = from?.element ?? to?.element ?? null;
+      const own = element === null ? label : `${name}[${element}]${held}`;
+      const text = make("text", {}, number === 0 || all.length < 4 || element !== null ? own : "");
       g.append(path, text);
       this.wiresGroup.append(g);
-      const wire = { id, g, path, text, from, to };
+      const wire = { id, g, path, text, from, to, number: this.wires.size };
       this.wires.set(`${id} ${number}`, wire);
       for (const end of [from, to]) if (end) this.boxes.get(end.box)?.lines.push(wire);
     });
   }
 
-  /** Labels of lines between the same boxes are beside each other. */
+  /** Labels stand apart from boxes and from each other. */
   spread() {
-    const groups = new Map();
+    const taken = [...this.boxes.values()].map(({ x, y, width, height }) => ({ x, y, width, height }));
     for (const wire of this.wires.values()) {
-      const key = `${wire.from?.box} ${wire.to?.box}`;
-      groups.set(key, [...(groups.get(key) ?? []), wire]);
-    }
-    for (const group of groups.values()) {
-      group.forEach((wire, number) => { wire.share = (number + 1) / (group.length + 1); });
+      const text = wire.text.textContent;
+      if (text) wire.label = placeLabel(text, wire.points, taken);
+      this.place(wire, false);
     }
   }
 
@@ -156,12 +158,19 @@ export class Canvas {
     return found ? [found.x + at.x, found.y + at.y] : [0, 0];
   }
 
-  place({ path, text, from, to, share }) {
-    const start = from ? this.spot(from) : null;
-    const end = to ? this.spot(to) : null;
-    const { d, x, y } = line(start ?? [end[0], end[1] - 34], end ?? [start[0], start[1] + 34], share);
-    path.setAttribute("d", d);
-    text.setAttribute("x", x);
+  place(wire, anew = true) {
+    const { path, text, from, to, number, label } = wire;
+    if (anew) {
+      const start = from ? this.spot(from) : null, end = to ? this.spot(to) : null;
+      const own = [from, to].map((port) => port && this.boxes.get(port.box));
+      // While a box is dragged its lines are curves.
+      const boxes = this.drag || this.nudged ? [] : [...this.boxes.values()];
+      const { d, points } = way(start ?? [end[0], end[1] - 34], end ?? [start[0], start[1] + 34], boxes, own, number);
+      path.setAttribute("d", d);
+      wire.points = points;
+    }
+    const [x, y] = pointAt(wire.points, label?.share ?? 0.5);
+    text.setAttribute("x", x + (label?.by ?? 0));
     text.setAttribute("y", y);
   }
 

@@ -6,6 +6,8 @@ function make(kind, properties = {}, ...children) {
   return element;
 }
 
+export const count = (value) => value.toString().replace(/\B(?=(\d{3})+$)/g, "\u2009");
+
 const micros = (nanos) => (nanos === null ? "-" : (nanos / 1000).toFixed(1));
 
 /** The part of a scope that a process is or is in: `cell.feeder[1]` is `cell` in the system. */
@@ -40,7 +42,7 @@ export function timeMarks(view, scope, times, marks) {
   }
   for (const [part, row] of least) {
     if (row.deadline_ns === null) continue;
-    const note = `bound ${micros(row.bound_ns)}, measured ${micros(row.measured_ns)}, slack ${micros(row.slack_ns)} us: ${row.verdict}`;
+    const note = `bound ${micros(row.bound_ns)}, measured ${micros(row.measured_ns)}, slack ${micros(row.slack_ns)} µs: ${row.verdict}`;
     marks.set(`part ${part}`, { ...marks.get(`part ${part}`), note, bad: row.slack_ns !== null && row.slack_ns < 0 });
   }
 }
@@ -59,18 +61,24 @@ export class Findings {
 
   checked(checked) {
     if (!checked) return [];
-    const all = checked.is_complete ? `All ${checked.states} states were looked at.` : `${checked.states} states were looked at, and there are more${checked.is_out_of_memory ? " than half of the free memory holds" : ""}.`;
-    const found = checked.findings.length ? "" : " No deadlock, no livelock, no broken assertion was found.";
-    const findings = checked.findings.map((finding) =>
-      make("details", { open: true, className: "finding" },
-        make("summary", { textContent: `${finding.kind}, after ${finding.steps} steps` }),
-        make("ol", {}, ...finding.trace.map((text) => make("li", { textContent: text }))),
-        ...finding.there.map((text) => make("div", { textContent: text }))));
+    const states = count(checked.states), none = checked.findings.length === 0;
+    const way = (title, { steps, trace, there }, open) =>
+      make("details", { open, className: "finding" },
+        make("summary", { textContent: `${title}, after ${count(steps)} steps` }),
+        make("ol", {}, ...trace.map((text) => make("li", { textContent: text }))),
+        ...(trace.length < steps ? [make("div", { textContent: `and ${count(steps - trace.length)} more` })] : []),
+        ...there.map((text) => make("div", { textContent: text })));
+    const summary = checked.is_complete
+      ? make("p", { textContent: `All ${states} states were looked at.${none ? " No deadlock, no livelock, no broken assertion was found." : ""}` })
+      : make("p", { className: "cut", textContent: `The search was cut after ${states} states: ${checked.limit === "memory" ? "there are more than half of the free memory holds" : "there are more; raise their number"}. ${none ? "Nothing was found among these, which proves nothing." : "There may be more to find."}` });
+    const findings = checked.findings.map((finding) => way(finding.kind, finding, true));
+    if (checked.stuck) findings.push(way(`for ever without ${checked.stuck.processes.join(", ")}`, checked.stuck, false));
+    const ltl = checked.ltl.length > 0 ? [make("p", { className: "what", textContent: `Not checked here: ${checked.ltl.join(", ")} (LTL). \`luna model check --spin\` checks them.` })] : [];
     const unreached = checked.unreached.map((one) => {
       const text = `line ${one.line}: in ${one.process} no run takes ${one.what}`;
       return make("div", {}, make("button", { className: "small", textContent: text, onclick: () => this.choose(`process ${one.process}`) }));
     });
-    return [make("p", { textContent: all + found }), ...findings, ...unreached];
+    return [summary, ...findings, ...unreached, ...ltl];
   }
 
   times(times) {
@@ -85,6 +93,6 @@ export class Findings {
       return tr;
     });
     const table = make("table", { id: "times-table" }, make("tr", {}, ...head.map((text) => cell("th", text))), ...rows);
-    return [make("p", { textContent: "Response times in us" }), table];
+    return [make("p", { textContent: "Response times in µs" }), table];
   }
 }

@@ -1,7 +1,7 @@
 // The editor: what the program sends is shown, what the user does is sent.
 
 import { Canvas } from "./canvas.js";
-import { Findings, circleMarks, timeMarks } from "./findings.js";
+import { Findings, circleMarks, count, timeMarks } from "./findings.js";
 import { Panel } from "./panel.js";
 import { Talk } from "./talk.js";
 import { connect, unused } from "./wires.js";
@@ -93,6 +93,7 @@ class Editor {
     find("name").textContent = state.view.name || state.file;
     find("undo").disabled = !state.undo;
     find("redo").disabled = !state.redo;
+    find("max-states").placeholder = state.max_states ?? "";
     const saved = find("saved");
     saved.textContent = state.is_saved ? "Saved" : "Draft: not written yet";
     saved.dataset.is = state.is_saved ? "saved" : "draft";
@@ -188,11 +189,19 @@ class Editor {
   /** On a connection of its own: editing goes on meanwhile. */
   async check() {
     const { version } = this.state;
-    find("check").disabled = true;
+    const button = find("check"), most = Number(find("max-states").value);
+    button.disabled = true;
+    this.say("It is checked …", "note");
     const talk = new Talk(token, () => {});
-    const answer = await talk.ask({ type: "check", max_states: Number(find("max-states").value) || 1 });
+    const told = setInterval(async () => {
+      const { looked_at, known } = await this.talk.ask({ type: "progress" });
+      if (button.disabled) this.say(`It is checked: ${count(looked_at)} states looked at, ${count(known)} known.`, "note");
+    }, 500);
+    const answer = await talk.ask({ type: "check", max_states: most >= 1 ? Math.floor(most) : null });
+    clearInterval(told);
     talk.close();
-    find("check").disabled = false;
+    button.disabled = false;
+    this.status();
     if (answer.type !== "checked") return this.panel.refuse(answer.error);
     if (version !== this.state.version) return this.say("The model was changed while it was checked: check it again.", "note");
     this.checked = answer;
@@ -232,6 +241,12 @@ class Editor {
     });
   }
 }
+
+// As the browser's, also when that changes.
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const theme = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };
+dark.addEventListener("change", theme);
+theme();
 
 window.editor = new Editor();
 await window.editor.start();

@@ -1,7 +1,13 @@
-// What is connected with what, and where the lines go.
+// What is connected with what.
 
 /** The channel or port of a text such as `left[(i + 1) % 5]`. */
 export const base = (text) => text.split("[")[0].trim();
+
+/** The element of an array that a text such as `blocks[3]` names; null if it is computed, or none. */
+const elementOf = (text) => /\[\s*(\d+)\s*\]$/.exec(text)?.[1] ?? null;
+
+/** Whether two ends can be those of one channel of an array. */
+export const canMeet = (from, to) => from.element === null || to.element === null || from.element === to.element;
 
 export const get = (pairs, key) => pairs.find(([name]) => name === key)?.[1];
 
@@ -12,27 +18,17 @@ export function connected(scope, processes) {
   for (const [name, side] of scope.ports) {
     // Within, the port is the other end.
     const wire = { channel: null, name, send: [], receive: [] };
-    wire[side === "send" ? "receive" : "send"].push({ box: `port ${name}`, port: name });
+    wire[side === "send" ? "receive" : "send"].push({ box: `port ${name}`, port: name, element: null });
     wires.set(name, wire);
   }
   for (const part of scope.parts) {
     for (const [port, text] of part.bind) {
       const side = sides.get(part.process)?.get(port);
       const wire = wires.get(base(text));
-      if (side && wire) wire[side].push({ box: `part ${part.name}`, port });
+      if (side && wire) wire[side].push({ box: `part ${part.name}`, port, element: elementOf(text) });
     }
   }
   return [...wires.values()];
-}
-
-/** A line from a sender's port downwards to a receiver's, with its label at a share of its way. */
-export function line([x1, y1], [x2, y2], share = 0.5) {
-  const bend = Math.max(30, Math.min(120, Math.abs(y2 - y1) / 2));
-  const side = y2 > y1 ? 0 : Math.abs(x2 - x1) < 60 ? 70 : 0;
-  const d = `M${x1} ${y1}C${x1 + side} ${y1 + bend} ${x2 + side} ${y2 - bend} ${x2} ${y2}`;
-  const rest = 1 - share;
-  const at = (a, b, c, e) => rest ** 3 * a + 3 * rest * rest * share * b + 3 * rest * share * share * c + share ** 3 * e;
-  return { d, x: at(x1, x1 + side, x2 + side, x2), y: at(y1, y1 + bend, y2 - bend, y2) };
 }
 
 /** The channels that no port is bound to after some were unbound. */

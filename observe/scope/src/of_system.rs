@@ -1,22 +1,18 @@
 //! A system's parameters, as the scope lists and sets them.
 
-use luna::parameters::{Info, Value};
-use luna_scope::{Parameter, Parameters};
+use crate::parameters::{Parameter, Parameters};
+use luna_config::parameters::{Info, Parameters as OfSystem, Value};
 use serde_json::{Number, Value as Json};
-
-/// Those of a system that runs, or is to run.
-#[derive(Debug)]
-pub(crate) struct OfSystem(pub(crate) luna::parameters::Parameters);
 
 impl Parameters for OfSystem {
     fn list(&self) -> Vec<Parameter> {
-        self.0.list().iter().map(shown).collect()
+        self.list().iter().map(shown).collect()
     }
 
     fn set(&self, name: &str, value: &Json) -> Result<(), String> {
         let value =
             read(value).ok_or("it must be a number, a text, true or false, or a list of them")?;
-        match self.0.set([(name, value)]) {
+        match self.set([(name, value)]) {
             Ok(_) => Ok(()),
             Err(error) => Err(error.to_string()),
         }
@@ -75,7 +71,7 @@ fn read(value: &Json) -> Option<Value> {
     })
 }
 
-#[cfg(test)]
+#[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
     use luna::parameters::Choice;
@@ -97,7 +93,7 @@ mod tests {
     fn parameters_of_each_type_are_listed_and_set() -> luna::Result<()> {
         let mut system = System::new("axis");
         system.virtual_clock();
-        let of_system = OfSystem(system.parameters());
+        let of_system: Box<dyn Parameters> = Box::new(system.parameters());
         assert!(of_system.list().is_empty());
         assert!(of_system.set("kp", &json!(1)).is_err());
         let main = system.executor("main").build()?;
