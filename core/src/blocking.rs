@@ -250,7 +250,7 @@ where
 {
     // Ends after the wake, also if the call's result panics as it is dropped.
     let mut under_way = UnderWay::begin();
-    let running = Unanswered(Some(running));
+    let running = Unanswered(running);
     Box::new(move || {
         let result = {
             let _clock = under_way.clock().enter();
@@ -261,36 +261,31 @@ where
 }
 
 /// The call of a job that no buddy has made. Dropped so, it ends with a panic: there is none.
-struct Unanswered<T>(Option<Arc<Call<T>>>);
+struct Unanswered<T>(Arc<Call<T>>);
 
 impl<T> Unanswered<T> {
-    fn finish(mut self, result: Result<T, Box<dyn Any + Send>>) {
-        if let Some(call) = self.0.take() {
-            call.finish(result);
-        }
+    /// Gives the call its result, unless it has one.
+    fn finish(&self, result: Result<T, Box<dyn Any + Send>>) {
+        let ready = {
+            let mut state = self.0.state.lock();
+            let CallState::Running(wake_handle) = &mut *state else {
+                return;
+            };
+            let ready = wake_handle
+                .take()
+                .map_or(PendingWake::NONE, WakeHandle::take);
+            *state = CallState::Done(result);
+            ready
+        };
+        ready.wake();
     }
 }
 
 impl<T> Drop for Unanswered<T> {
     fn drop(&mut self) {
-        if let Some(call) = self.0.take() {
-            call.finish(Err(Box::new(
-                "no thread for blocking calls could be started",
-            )));
-        }
-    }
-}
-
-impl<T> Call<T> {
-    fn finish(&self, result: Result<T, Box<dyn Any + Send>>) {
-        let ready = {
-            let mut state = self.state.lock();
-            match std::mem::replace(&mut *state, CallState::Done(result)) {
-                CallState::Running(Some(wake_handle)) => wake_handle.take(),
-                _ => PendingWake::NONE,
-            }
-        };
-        ready.wake();
+        self.finish(Err(Box::new(
+            "no thread for blocking calls could be started",
+        )));
     }
 }
 

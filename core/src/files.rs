@@ -1,13 +1,12 @@
 //! Waiting for files and sockets: the futures. What a thread keeps of them is in `file_watch`.
 
 use crate::current;
-use crate::file_error::FileError;
-use crate::file_waits::{FileWait, Waits};
-use crate::file_watch::ThreadFiles;
+use crate::file_watch::{FileWait, ThreadFiles, Waits};
 use crate::waiting::{Kind, Op, OpList};
-use luna_platform::reactor::Interest;
+use luna_platform::reactor::{Interest, ReactorError};
 use pin_project_lite::pin_project;
 use std::future::Future;
+use std::io;
 use std::ops::DerefMut;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 use std::pin::Pin;
@@ -173,3 +172,38 @@ impl Future for FileReady<'_> {
 }
 
 luna_platform::debug_fields!(FileReady<'_>, |ready| file: ready.file, waits: ready.op.is_some());
+
+/// Why a process cannot wait for a file.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FileError {
+    /// This thread runs no process of LUNA, so it never looks at files.
+    #[error(
+        "a file was awaited on a thread that runs no LUNA process: await it inside luna::run, a \
+         process of a System, or use your runtime's own means"
+    )]
+    NoProcess,
+    /// The system cannot watch the file, or no file at all.
+    #[error("{0}")]
+    Refused(#[source] ReactorError),
+}
+
+impl FileError {
+    /// Whether this platform cannot wait for any file: then a blocking call can
+    /// ([`blocking`](crate::blocking)).
+    pub fn is_unsupported(&self) -> bool {
+        *self == FileError::Refused(ReactorError::Unsupported)
+    }
+}
+
+impl From<FileError> for io::Error {
+    fn from(error: FileError) -> io::Error {
+        let kind = match &error {
+            FileError::Refused(ReactorError::Unsupported | ReactorError::AlwaysReady { .. }) => {
+                io::ErrorKind::Unsupported
+            }
+            _ => io::ErrorKind::Other,
+        };
+        io::Error::new(kind, error)
+    }
+}

@@ -32,7 +32,7 @@
 //! - [`deferred_free`]: memory off the real-time path.
 //! - [`park`], [`spin`]: how threads wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
-//! - `fetch`, `model_local` (private): prefetches, and thread-locals that a model checker sees.
+//! - `model_local` (private): thread-locals that a model checker sees.
 
 #![cfg_attr(
     not(feature = "std"),
@@ -63,7 +63,6 @@ pub mod biased_lock;
 pub mod current;
 pub mod deferred_free;
 pub mod events;
-mod fetch;
 mod model_local;
 pub mod park;
 pub mod path;
@@ -88,10 +87,6 @@ mod call_count;
 mod deadlines;
 #[cfg(not(loom))]
 mod executor;
-#[cfg(all(feature = "std", unix, not(loom)))]
-mod file_error;
-#[cfg(all(feature = "std", unix, not(loom)))]
-mod file_waits;
 #[cfg(all(feature = "std", unix, not(loom)))]
 mod file_watch;
 #[cfg(all(feature = "std", unix, not(loom)))]
@@ -162,7 +157,8 @@ pub use {
 #[cfg(not(loom))]
 pub use {
     call_count::UnderWay,
-    executor::{Announced, Executor, ExecutorHandle, has_given_up, make_room},
+    current::has_given_up,
+    executor::{Announced, Executor, ExecutorHandle, make_room},
     interference::{Interference, Turn, interference, look_at_clock},
     process::{
         Exit, ExitValue, Join, Name, PollMonitor, ProcessHandle, ProcessRegistry, ProcessSpec,
@@ -172,7 +168,6 @@ pub use {
 };
 #[cfg(all(feature = "std", unix, not(loom)))]
 pub use {
-    file_error::FileError,
     file_watch::prepare_files,
-    files::{FileReady, readable, writable},
+    files::{FileError, FileReady, readable, writable},
 };

@@ -64,6 +64,7 @@ pub mod panics;
 pub mod path;
 #[cfg(all(feature = "std", not(loom)))]
 pub mod reactor;
+#[cfg(not(loom))]
 pub mod spin;
 pub mod sync;
 #[cfg(all(feature = "std", not(loom)))]
@@ -102,6 +103,8 @@ pub use backend::boost;
 pub use backend::fence;
 pub use backend::inside;
 pub use backend::lock;
+#[cfg(loom)]
+pub use backend::spin;
 
 impl<T: Default> Default for lock::PiLock<T> {
     fn default() -> Self {

@@ -7,9 +7,7 @@
 //! and halt polling, of virtual machines.
 
 use crate::clock::Instant;
-#[cfg(not(loom))]
 use crate::on_drop::OnDrop;
-#[cfg(not(loom))]
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::time::Duration;
 
@@ -25,18 +23,14 @@ pub const LONGEST: Duration = Duration::from_millis(1);
 /// two of its steps; that thread then waits for the line as long as a look takes. So looking less
 /// often sees more: on the reference machine a rendezvous takes 2.7 round trips of a line with
 /// looks 13 ns apart, and 1.2 with 100 ns.
-#[cfg(not(loom))]
 const BETWEEN_LOOKS: Duration = Duration::from_nanos(100);
 
 /// That time as a number of the processor's pauses: on some a pause takes 3 ns, on others 50.
-#[cfg(not(loom))]
 static PAUSES: AtomicU32 = AtomicU32::new(1);
 
-#[cfg(not(loom))]
 const MAX_PAUSES: u128 = 64;
 
 /// Measures a pause. Some 20 µs.
-#[cfg(not(loom))]
 fn measure_pause() {
     const PAUSES_AT_ONCE: u32 = 64;
     let time = || {
@@ -54,14 +48,12 @@ fn measure_pause() {
 }
 
 /// Waits until the next look.
-#[cfg(not(loom))]
 #[inline]
 fn pause() {
     (0..PAUSES.load(Ordering::Relaxed)).for_each(|_| core::hint::spin_loop());
 }
 
 /// The number of looks for each clock read, which takes 25 ns: about half a microsecond together.
-#[cfg(not(loom))]
 const LOOKS_PER_CLOCK_READ: u32 = 8;
 
 /// Spins until `is_over`, for `time`, counted from the first looks on, but not beyond `deadline`.
@@ -81,7 +73,6 @@ const LOOKS_PER_CLOCK_READ: u32 = 8;
 /// assert!(!spin::until(|| false, Duration::from_micros(1), Instant::NEVER)); // the time is up
 /// assert!(spin::until(|| false, Duration::from_micros(1), Instant::now())); // the deadline came
 /// ```
-#[cfg(not(loom))]
 #[inline]
 pub fn until(mut is_over: impl FnMut() -> bool, time: Duration, deadline: Instant) -> bool {
     let mut end = None;
@@ -102,19 +93,11 @@ pub fn until(mut is_over: impl FnMut() -> bool, time: Duration, deadline: Instan
     }
 }
 
-/// In a model, with a clock that stands still, it looks twice: the continuation does not depend on
-/// the number of looks.
-#[cfg(loom)]
-pub fn until(mut is_over: impl FnMut() -> bool, _: Duration, _: Instant) -> bool {
-    is_over() || is_over()
-}
-
 /// The number of looks of a process' own operation for its partner before the process waits: about
 /// 2 µs.
 ///
 /// It sees its partner's step directly, without a wake by way of the executor, which saves some 150
 /// ns for a message each way. The executor spins for longer, since it has other processes to run.
-#[cfg(not(loom))]
 const LOOKS_OF_OPERATION: u32 = 20;
 
 /// The state of a thread that runs processes, and may spin before it sleeps. Example: [`enter`].
@@ -128,7 +111,6 @@ pub trait Outside {
     fn time(&self) -> Duration;
 }
 
-#[cfg(not(loom))]
 crate::local! {
     static OUTSIDE: core::cell::RefCell<Option<alloc::sync::Arc<dyn Outside>>> = const { core::cell::RefCell::new(None) };
     /// Whether there is an [`Outside`]: read by each operation that has to wait.
@@ -162,7 +144,6 @@ crate::local! {
 /// drop(looking);
 /// assert!(!spin::is_allowed());
 /// ```
-#[cfg(not(loom))]
 pub fn enter(outside: alloc::sync::Arc<dyn Outside>) -> OnDrop<impl FnMut()> {
     measure_pause();
     OUTSIDE.set(Some(outside));
@@ -175,7 +156,6 @@ pub fn enter(outside: alloc::sync::Arc<dyn Outside>) -> OnDrop<impl FnMut()> {
 
 /// Whether this thread may spin before it sleeps, and has no request. Real-time path: yes; a load
 /// where it may not, else a few.
-#[cfg(not(loom))]
 #[inline]
 pub fn is_allowed() -> bool {
     HAS_OUTSIDE.get()
@@ -184,7 +164,6 @@ pub fn is_allowed() -> bool {
 
 /// Spins on `is_over` for about 2 µs, or until the thread gets a request; returns whether it is
 /// over. Call it only where [`is_allowed`] returned true. Real-time path: yes. Example: [`enter`].
-#[cfg(not(loom))]
 pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     OUTSIDE.with_borrow(|outside| {
         for _ in 0..LOOKS_OF_OPERATION {
@@ -208,7 +187,7 @@ pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
 /// from then on each critical section costs both a sleep. If the two do nothing but use the lock (a
 /// stream between two cores), that does not end by itself. A thread that spins for longer than the
 /// other takes to wake ends it.
-#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable)))]
 const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
 
 /// The time between two looks of such a thread at a lock, in units of [`BETWEEN_LOOKS`]: 400 ns.
@@ -217,12 +196,12 @@ const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
 /// the guarded data still in its cache: the data then moves from core to core once for many
 /// critical sections. The first look comes after half of that time: where two threads meet, the
 /// holder leaves, and waits for the other.
-#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable)))]
 const BETWEEN_LOOKS_AT_LOCK: u32 = 4;
 
 /// How a thread that may spin before it sleeps spins on a lock that another thread holds: the
 /// number of looks, and the pauses between them. `None`: as any other thread.
-#[cfg(all(feature = "std", target_os = "linux", not(luna_portable), not(loom)))]
+#[cfg(all(feature = "std", target_os = "linux", not(luna_portable)))]
 pub(crate) fn at_lock() -> Option<(u32, u32)> {
     if !HAS_OUTSIDE.get() {
         return None;
@@ -235,36 +214,7 @@ pub(crate) fn at_lock() -> Option<(u32, u32)> {
     (looks > 0).then_some((looks as u32, pauses))
 }
 
-#[cfg(loom)]
-loom::thread_local! {
-    static IS_ALLOWED: core::cell::Cell<bool> = core::cell::Cell::new(false);
-}
-
-/// In a model a thread declares by this call that its operations spin.
-#[cfg(loom)]
-pub fn let_look() {
-    IS_ALLOWED.with(|looks| looks.set(true));
-}
-
-/// Whether the model's thread called [`let_look`].
-#[cfg(loom)]
-pub fn is_allowed() -> bool {
-    IS_ALLOWED.with(core::cell::Cell::get)
-}
-
-/// Looks once: the continuation does not depend on the number of looks.
-#[cfg(loom)]
-pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
-    is_over()
-}
-
-#[cfg(all(
-    test,
-    feature = "std",
-    target_os = "linux",
-    not(luna_portable),
-    not(loom)
-))]
+#[cfg(all(test, feature = "std", target_os = "linux", not(luna_portable)))]
 mod tests {
     use super::*;
     use alloc::sync::Arc;

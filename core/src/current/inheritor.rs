@@ -17,7 +17,7 @@
 use super::executor_thread::{self, Boosts, ExecutorThread};
 use super::inheritance::LEVEL;
 use super::wake_handle::Reference;
-use super::{Here, PlainTurn, Priority, QueueEnd, executor_id, process};
+use super::{Here, PlainTurn, Priority, executor_id, process};
 use crate::wait_list::{WaitList, WaitNode};
 use alloc::sync::Arc;
 use core::cmp::Ordering;
@@ -298,16 +298,8 @@ impl Inheritor {
             return;
         };
         // A process that is alone on its thread has no queue.
-        if !reference.process().is_owned() || self.is_current() {
-            return;
-        }
-        if reference.is_here() {
-            // SAFETY: this is the executor's thread.
-            unsafe { reference.ready_here(QueueEnd::Back) };
-        } else {
-            // SAFETY: the reference keeps the process' memory, and this is not its executor's
-            // thread.
-            unsafe { reference.process().ready_elsewhere(reference.lowered()) };
+        if reference.process().is_owned() && !self.is_current() {
+            reference.wake();
         }
     }
 

@@ -12,16 +12,15 @@ mod cpu;
 mod executor_thread;
 pub(crate) mod inheritance;
 pub(crate) mod inheritor;
-mod poisoning;
 mod ready;
 mod renewal;
-mod replay;
 pub(crate) mod run_queue;
 pub(crate) mod turn;
 mod wake_handle;
 
 pub use branch::{
-    branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch_below,
+    branch_failed, branch_path, end_branch, has_replay_log, in_branch, is_replayed, replay_log,
+    stay_in_branch, take_branch_end, with_branch_below, with_replay_log, without_replay_log,
 };
 pub use branches::Branches;
 #[cfg(not(loom))]
@@ -31,15 +30,11 @@ pub(crate) use cpu::{give_back_timers, has_no_deadline_within, has_other_timers}
 #[cfg(all(feature = "std", not(loom)))]
 pub use executor_thread::refused_boosts;
 pub use inheritor::Inheritor;
-pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use ready::{
     OPERATIONS_PER_POLL, count_operation, is_outranked, next_ready, put_back, ready_again,
     ready_levels, spend_operation, yield_if_outranked, yield_turn,
 };
 pub use renewal::Renewal;
-pub use replay::{
-    branch_path, has_replay_log, is_replayed, replay_log, with_replay_log, without_replay_log,
-};
 pub use turn::{
     Here, PlainTurn, Turn, end_turns, give_turn, outside, plain_turn, priority, process,
     take_interrupted, user, with_process,
@@ -83,6 +78,8 @@ pub(crate) struct Thread {
     may_block: Cell<bool>,
     on_path: Cell<bool>,
     abandons: Cell<bool>,
+    poisons: Cell<bool>,
+    gives_up: Cell<bool>,
     pub(crate) queue: RunQueue,
     replay_log: Cell<Option<NonNull<dyn ReplayLog>>>,
 }
@@ -101,6 +98,8 @@ model_local! {
             may_block: Cell::new(true),
             on_path: Cell::new(false),
             abandons: Cell::new(false),
+            poisons: Cell::new(false),
+            gives_up: Cell::new(false),
             replay_log: Cell::new(None),
         }
     };
@@ -171,16 +170,53 @@ pub fn may_block() -> bool {
 /// sibling has failed, or it panicked. Destructors see by [`is_abandoned`] that they run in the
 /// middle of the body.
 pub fn with_abandoned<R>(f: impl FnOnce() -> R) -> R {
-    let before = THREAD.with(|thread| thread.abandons.replace(true));
-    let _restore = OnDrop::new(|| THREAD.with(|thread| thread.abandons.set(before)));
-    f()
+    with_flag(|thread| &thread.abandons, f)
 }
 
 /// Whether the body or branch that is being dropped has not come to its end.
 #[inline]
 pub fn is_abandoned() -> bool {
+    has_flag(|thread| &thread.abandons)
+}
+
+/// Runs `drop`. Meanwhile every channel end that is dropped on this thread poisons its channel,
+/// instead of merely counting as one less: the partners of a failed process must learn that what
+/// they wait for will not come.
+pub fn poison_dropped_ends<R>(drop: impl FnOnce() -> R) -> R {
+    with_flag(|thread| &thread.poisons, drop)
+}
+
+/// Whether a channel end that is dropped here and now poisons its channel.
+#[inline]
+pub fn dropped_ends_poison() -> bool {
+    has_flag(|thread| &thread.poisons)
+}
+
+/// Drops bodies by `drop`, since the thread has panicked outside of any process.
+#[cfg(not(loom))]
+pub(crate) fn give_up(drop: impl FnOnce()) {
+    with_flag(|thread| &thread.gives_up, drop);
+}
+
+/// Whether the bodies that are dropped on this thread now are dropped because their executor's
+/// thread panicked outside of any process: in a waker that is not LUNA's, for example.
+#[cfg(not(loom))]
+#[inline]
+pub fn has_given_up() -> bool {
+    has_flag(|thread| &thread.gives_up)
+}
+
+fn with_flag<R>(flag: fn(&Thread) -> &Cell<bool>, f: impl FnOnce() -> R) -> R {
+    let before = THREAD.with(|thread| flag(thread).replace(true));
+    let _restore = OnDrop::new(|| THREAD.with(|thread| flag(thread).set(before)));
+    f()
+}
+
+/// `false` also while the thread's locals are being torn down, which may drop channel ends.
+#[inline]
+fn has_flag(flag: fn(&Thread) -> &Cell<bool>) -> bool {
     THREAD
-        .try_with(|thread| thread.abandons.get())
+        .try_with(|thread| flag(thread).get())
         .unwrap_or(false)
 }
 
@@ -193,9 +229,7 @@ pub fn on_path() -> bool {
         return true;
     }
     // An allocator calls this too, also while the thread's locals are being torn down.
-    THREAD
-        .try_with(|thread| thread.on_path.get())
-        .unwrap_or(false)
+    has_flag(|thread| &thread.on_path)
 }
 
 /// Sets whether this thread is on the real-time path; returns the previous value.

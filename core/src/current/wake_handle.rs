@@ -30,7 +30,7 @@
 //! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
 use super::{Here, LEVELS, PlainTurn, Process, QueueEnd, executor_id, lowered, process};
-use crate::{fetch, park};
+use crate::park;
 use core::fmt;
 use core::mem::{self, ManuallyDrop};
 use core::num::NonZeroUsize;
@@ -112,13 +112,26 @@ impl Reference {
         executor_id() == Some(self.process().executor_id())
     }
 
+    /// Readies the process, on this thread or another one.
+    #[inline]
+    pub(super) fn wake(&self) {
+        // SAFETY: the thread was looked at; the reference keeps the process' memory.
+        unsafe {
+            if self.is_here() {
+                self.ready_here(QueueEnd::Back);
+            } else {
+                self.process().ready_elsewhere(self.lowered());
+            }
+        }
+    }
+
     /// Readies the process.
     ///
     /// # Safety
     ///
     /// This is the executor's thread.
     #[inline]
-    pub(super) unsafe fn ready_here(&self, place: QueueEnd) -> bool {
+    unsafe fn ready_here(&self, place: QueueEnd) -> bool {
         // SAFETY: the caller promises that this is the executor's thread; the reference keeps the
         // process' memory.
         unsafe { self.process().ready_here(self.lowered(), place) }
@@ -326,21 +339,15 @@ impl WakeHandle {
         }
     }
 
-    /// Readies a process of another thread, or returns the wake of its thread.
-    ///
-    /// # Safety
-    ///
-    /// It is not [woken once](Self::is_woken_once): so the process is not of this thread.
-    pub(super) unsafe fn wake_elsewhere(&self) -> PendingWake {
+    /// Readies the process, or returns a wake for one that is not [woken once](Self::is_woken_once).
+    pub(super) fn wake_again(&self) -> PendingWake {
         match &self.0 {
             // The waker of a parker: no user code.
             Inner::Waker(waker) => {
                 PendingWake(Some(Inner::Waker(Foreign::new((*waker.0).clone()))))
             }
             Inner::Process(reference) => {
-                // SAFETY: the reference keeps the process' memory, and the process is not of this
-                // thread, as is demanded here.
-                unsafe { reference.process().ready_elsewhere(reference.lowered()) };
+                reference.wake();
                 PendingWake::NONE
             }
         }
@@ -393,7 +400,7 @@ impl PlainPendingWake {
     /// the begin of its body. A few instructions, without waiting.
     #[inline(always)]
     pub fn fetch(&self) {
-        fetch::lines(self.0.0.as_ptr().cast(), FETCHED);
+        fetch_lines(self.0.0.as_ptr().cast(), FETCHED);
     }
 
     /// Readies the process if it waits, no other one is ready, and the current one need not yield.
@@ -422,29 +429,6 @@ impl PlainPendingWake {
         Ok(())
     }
 
-    /// As [`wake`](Self::wake), but it frees nothing, so it may be called under a lock.
-    ///
-    /// # Errors
-    ///
-    /// The pending wake, if the process has ended: no state has changed.
-    ///
-    /// # Safety
-    ///
-    /// As for `wake`: its wake handle was made in a plain turn on this thread.
-    #[inline(always)]
-    pub unsafe fn wake_unless_ended(self) -> Result<(), Self> {
-        let process = self.process();
-        // SAFETY: the caller promises that the handle was made on this thread, which is the
-        // executor's; the reference keeps the process' memory.
-        if !unsafe { process.ready_here(0, QueueEnd::Back) } {
-            return Err(self);
-        }
-        process.references.remove_here();
-        // Counted off here; the drop must not count again.
-        mem::forget(self);
-        Ok(())
-    }
-
     /// Readies the process behind the others of its level. O(1), without atomics.
     ///
     /// # Safety
@@ -452,10 +436,37 @@ impl PlainPendingWake {
     /// Its wake handle was made [in a plain turn](WakeHandle::of_plain_turn) on this thread.
     #[inline(always)]
     pub unsafe fn wake(self) {
-        // SAFETY: the caller promises what is demanded there.
-        drop(unsafe { self.wake_unless_ended() });
+        let process = self.process();
+        // SAFETY: the caller promises that the handle was made on this thread, which is the
+        // executor's; the reference keeps the process' memory.
+        if unsafe { process.ready_here(0, QueueEnd::Back) } {
+            process.references.remove_here();
+            // Counted off here; the drop must not count again.
+            mem::forget(self);
+        }
     }
 }
+
+/// Asks the processor to prefetch the lines at these distances in bytes from `start`. A hint:
+/// nothing is accessed, so the memory need not exist; on an unknown architecture it does nothing.
+#[inline(always)]
+fn fetch_lines<const N: usize>(start: *const u8, distances: [usize; N]) {
+    for distance in distances {
+        fetch_line(start.wrapping_add(distance));
+    }
+}
+
+#[cfg(all(target_arch = "x86_64", not(miri)))]
+#[inline(always)]
+fn fetch_line(address: *const u8) {
+    use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+    // SAFETY: every processor of this architecture has the instruction, which faults at no address.
+    unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) };
+}
+
+#[cfg(not(all(target_arch = "x86_64", not(miri))))]
+#[inline(always)]
+fn fetch_line(_: *const u8) {}
 
 impl From<PlainPendingWake> for WakeHandle {
     #[inline(always)]
@@ -515,17 +526,7 @@ impl Inner {
     #[inline]
     fn wake(self) {
         match self {
-            Inner::Process(reference) => {
-                // SAFETY: each arm checks which thread this is before the call that requires it;
-                // the reference keeps the process' memory.
-                unsafe {
-                    if reference.is_here() {
-                        reference.ready_here(QueueEnd::Back);
-                    } else {
-                        reference.process().ready_elsewhere(reference.lowered());
-                    }
-                }
-            }
+            Inner::Process(reference) => reference.wake(),
             Inner::Waker(waker) => {
                 let waker = waker.into_waker();
                 run_user_code(|| waker.wake());

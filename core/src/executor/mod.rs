@@ -25,22 +25,8 @@ pub(crate) use shared::{Phase, Serves, Shared};
 use crate::process::{ExitValue, ProcessHandle, ProcessSpec, Unbuilt};
 use crate::{current, deferred_free};
 use alloc::sync::Arc;
-use core::cell::Cell;
 use core::future::Future;
 use core::sync::atomic::Ordering;
-
-luna_platform::local! {
-    /// See [`has_given_up`].
-    static GIVES_UP: Cell<bool> = const { Cell::new(false) };
-}
-
-/// Whether the bodies that are dropped on this thread now are dropped because their executor's
-/// thread panicked outside of any process: in a waker that is not LUNA's, for example.
-#[inline]
-pub fn has_given_up() -> bool {
-    // Bodies are dropped by a thread that lives, but what they hold may be dropped later.
-    GIVES_UP.try_with(Cell::get).unwrap_or(false)
-}
 
 /// Spawns processes on an executor, from anywhere. Cloning it is cheap; it does not keep the
 /// executor running.

@@ -1,7 +1,6 @@
 //! What other threads see of an executor.
 
-use super::GIVES_UP;
-use crate::current::ExecutorId;
+use crate::current::{self, ExecutorId};
 use crate::inbound::Inbound;
 use crate::process::{self, ProcessRegistry, Unbuilt, panic_message};
 use crate::quiescence::{Quiescence, Sleeper};
@@ -102,6 +101,30 @@ impl Shared {
     }
 
     /// One that is held, on a thread of its own or on a stage's.
+    /// Takes in what came from other threads: new processes, and wakes that are not less urgent
+    /// than the processes that are ready here; before its release all of them, since a signal that
+    /// is left would keep the thread from its sleep. From then on the thread is on the real-time
+    /// path.
+    #[inline]
+    pub(crate) fn take_in(&self) {
+        let signals = self.inbound.signals();
+        if signals.is_empty() {
+            return;
+        }
+        if signals.attention() {
+            self.inbound.take_attention();
+            current::set_on_path(false);
+            self.build_arrivals();
+        }
+        let is_held = self.phase() == Phase::HELD;
+        current::set_on_path(!is_held);
+        while let Some(level) = self.inbound.signals().highest_level()
+            && (is_held || current::ready_levels() >> level <= 1)
+        {
+            process::queue_woken(self, level);
+        }
+    }
+
     pub(super) fn new(
         thread_priority: u8,
         registry: Arc<ProcessRegistry>,
@@ -163,9 +186,7 @@ impl Shared {
         core::mem::forget(payload);
         // Nothing is built here from now on.
         self.advance(Phase::STOPPING);
-        GIVES_UP.set(true);
-        process::end_all(&why);
-        GIVES_UP.set(false);
+        current::give_up(|| process::end_all(&why));
         self.close();
     }
 

@@ -59,19 +59,12 @@ pub(super) fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
 
 /// From the set-up to the end of all processes.
 pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
-    loop {
-        shared.inbound.take_attention();
-        shared.build_arrivals();
-        if shared.phase() != Phase::HELD {
-            break;
-        }
-        // A process that is woken before the start is queued; a signal that is left would keep the
-        // thread from its sleep.
-        while let Some(level) = shared.inbound.signals().highest_level() {
-            process::queue_woken(shared, level);
-        }
+    shared.take_in();
+    while shared.phase() == Phase::HELD {
         shared.inbound.sleep(Instant::NEVER);
+        shared.take_in();
     }
+    current::set_on_path(false);
     #[cfg(feature = "std")]
     let before = processor_time();
     // Not through the `Arc`, which would be read at each turn.

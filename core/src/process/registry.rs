@@ -118,23 +118,24 @@ impl ProcessRegistry {
     /// ends; only those that are to be [listed](crate::ProcessSpec::listed). O(their
     /// number). It may free memory, so it is not for the real-time path.
     pub fn take_ended(&self, each: impl FnMut(ProcessHandle)) {
-        let taken = self
-            .ended
-            .fetch_update(Ordering::Acquire, Ordering::Relaxed, |newest| {
-                (!newest.is_null() && newest != CLOSED).then_some(ptr::null_mut())
-            });
-        if let Ok(newest) = taken {
-            // SAFETY: it was just taken out, by one thread.
-            unsafe { pass_on(newest, each) };
-        }
+        self.exchange_ended(ptr::null_mut(), each);
     }
 
     /// As [`take_ended`](Self::take_ended), for the last time: processes that end later are not
     /// listed. To be called at the end by what has listed processes: those that were listed and not
     /// taken keep this registry, by their executor, and are never freed.
     pub fn close_ended(&self, each: impl FnMut(ProcessHandle)) {
-        let newest = self.ended.swap(CLOSED, Ordering::Acquire);
-        if newest != CLOSED {
+        self.exchange_ended(CLOSED, each);
+    }
+
+    /// Passes on what is listed, unless the list is closed, and leaves `rest`.
+    fn exchange_ended(&self, rest: *mut Process, each: impl FnMut(ProcessHandle)) {
+        let taken = self
+            .ended
+            .fetch_update(Ordering::Acquire, Ordering::Relaxed, |newest| {
+                (newest != rest && newest != CLOSED).then_some(rest)
+            });
+        if let Ok(newest) = taken {
             // SAFETY: it was just taken out, by one thread.
             unsafe { pass_on(newest, each) };
         }

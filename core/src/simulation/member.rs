@@ -119,7 +119,7 @@ impl Member {
                 loop {
                     // SAFETY: this is between two polls.
                     unsafe { process::end_turns() };
-                    self.look_outside();
+                    self.shared.take_in();
                     if !runs {
                         break;
                     }
@@ -174,30 +174,6 @@ impl Member {
         self.rests = current::ready_levels() == 0;
         if self.rests && !rested {
             events::report_executor(events::code::ASLEEP);
-        }
-    }
-
-    /// Takes in what came from other threads: new processes, and wakes that are not less urgent
-    /// than the processes that are ready here.
-    #[inline]
-    fn look_outside(&self) {
-        let shared = &self.shared;
-        let signals = shared.inbound.signals();
-        if signals.is_empty() {
-            return;
-        }
-        if signals.attention() {
-            shared.inbound.take_attention();
-            current::set_on_path(false);
-            shared.build_arrivals();
-        }
-        let is_held = shared.phase() == Phase::HELD;
-        current::set_on_path(!is_held);
-        // A signal that is left would keep the thread from its sleep.
-        while let Some(level) = shared.inbound.signals().highest_level()
-            && (is_held || current::ready_levels() >> level <= 1)
-        {
-            process::queue_woken(shared, level);
         }
     }
 

@@ -40,7 +40,6 @@ pub(crate) struct Stage {
     pub(crate) registry: Arc<ProcessRegistry>,
     /// Executors that the thread has yet to add; `None` once the thread has ended.
     arrivals: PiLock<Option<Vec<Arc<ExecutorShared>>>>,
-    has_arrivals: AtomicBool,
     is_released: AtomicBool,
     is_stopping: AtomicBool,
     time_stands: AtomicBool,
@@ -98,7 +97,6 @@ impl Stage {
             quiescence: Arc::new(Quiescence::new()),
             registry,
             arrivals: PiLock::new(Some(Vec::new())),
-            has_arrivals: AtomicBool::new(false),
             is_released: AtomicBool::new(false),
             is_stopping: AtomicBool::new(false),
             time_stands: AtomicBool::new(false),
@@ -123,7 +121,6 @@ impl Stage {
             None => return false,
             Some(arrivals) => arrivals.push(executor),
         }
-        self.has_arrivals.store(true, Ordering::Release);
         self.parker.unpark();
         true
     }
@@ -266,11 +263,6 @@ impl Play<'_> {
 
     /// Adds the executors that were started.
     fn take_in(&mut self) {
-        if !self.stage.has_arrivals.load(Ordering::Relaxed)
-            || !self.stage.has_arrivals.swap(false, Ordering::Acquire)
-        {
-            return;
-        }
         let arrived = self.stage.arrivals.lock().as_mut().map(std::mem::take);
         for executor in arrived.into_iter().flatten() {
             let member = Member::new(executor);
@@ -436,7 +428,8 @@ impl Play<'_> {
         self.turns = 0;
         self.turns_to_stop = 0;
         if all && self.members.is_empty() {
-            return self.stage.has_arrivals.load(Ordering::Acquire);
+            let arrivals = self.stage.arrivals.lock();
+            return arrivals.as_ref().is_some_and(|arrived| !arrived.is_empty());
         }
         // Cancelled processes end at their next turn, also if they were never released; one that
         // does not end has a wake under way from another thread.

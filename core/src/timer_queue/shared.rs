@@ -1,13 +1,11 @@
 //! A queue in which any thread arms, and whose owner wakes what is due in order of priority.
 
-use super::heap::{Heap, Node};
-use super::{Arc, DeadlineListener, Ordering, TimerQueue};
+use super::heap::Heap;
+use super::{Arc, DeadlineListener, Ordering, Sleep, TimerQueue};
 use crate::current::{PendingWake, Priority};
 use alloc::boxed::Box;
 use alloc::vec::Vec;
-use core::cell::UnsafeCell;
-use core::mem::MaybeUninit;
-use core::ptr::NonNull;
+use core::pin::Pin;
 use luna_platform::clock::Instant;
 
 /// What is due, to be woken or called when no lock is held.
@@ -121,31 +119,14 @@ impl TimerQueue {
 ///
 /// # Invariants
 ///
-/// While `queue` is there, there is a node. It is in the heap of `queue` until it has fired, and
-/// the heap's lock guards it then, except for `fired`. It has no wake handle, so nothing of it is
-/// to be dropped.
+/// The sleep has its queue while it is armed, and no wake handle.
 #[derive(Debug)]
-pub struct Deadline {
-    node: Box<UnsafeCell<MaybeUninit<Node>>>,
-    queue: Option<Arc<TimerQueue>>,
-}
-
-// SAFETY: a node in a heap is accessed under the heap's lock alone, on any thread.
-unsafe impl Send for Deadline {}
-// SAFETY: `&Deadline` gives access to the flag only, which is atomic.
-unsafe impl Sync for Deadline {}
+pub struct Deadline(Pin<Box<Sleep>>);
 
 impl Deadline {
     /// A deadline that is not armed. Allocates.
     pub fn new() -> Self {
-        Self {
-            node: Box::new(UnsafeCell::new(MaybeUninit::uninit())),
-            queue: None,
-        }
-    }
-
-    fn node(&self) -> NonNull<Node> {
-        NonNull::from(&*self.node).cast()
+        Self(Box::pin(Sleep::until(Instant::NEVER)))
     }
 
     /// Arms it for `at`, which may have passed, in place of a former instant; the owner knows it by
@@ -153,27 +134,28 @@ impl Deadline {
     /// call of the owner's.
     pub fn arm(&mut self, queue: &Arc<TimerQueue>, number: u32, at: Instant) {
         self.disarm();
-        // SAFETY: no node is in a heap by `disarm`; the box stays where it is, and the node is
-        // removed before it is freed.
-        let is_armed = unsafe { queue.arm(self.node(), at, None, number) };
-        self.queue = is_armed.then(|| queue.clone());
+        let sleep = self.0.as_mut().in_place();
+        sleep.deadline = at;
+        sleep.queue = Some(queue.clone());
+        if !sleep.arm(None, number) {
+            sleep.queue = None;
+        }
     }
 
     /// Disarms it; returns whether it was armed, and has not been taken as due. O(log n).
     pub fn disarm(&mut self) -> bool {
-        let Some(queue) = self.queue.take() else {
-            return false;
-        };
-        // SAFETY: the queue was there, so by the invariant there is a node, which was armed in it.
-        unsafe { queue.withdraw(self.node()) }.is_some()
+        let sleep = self.0.as_mut().in_place();
+        let was_armed = sleep.withdraw().is_some();
+        sleep.queue = None;
+        was_armed
     }
 
     /// Whether it was taken as due since it was armed; asked once.
     pub fn take_fired(&mut self) -> bool {
-        // SAFETY: the queue is there, so by the invariant there is a node.
-        let has_fired = self.queue.is_some() && unsafe { Heap::has_fired(self.node()) };
+        let sleep = self.0.as_mut().in_place();
+        let has_fired = sleep.take_fired();
         if has_fired {
-            self.queue = None;
+            sleep.queue = None;
         }
         has_fired
     }

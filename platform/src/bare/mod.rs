@@ -46,13 +46,10 @@ pub mod alarm {
     //! A port has no other thread that could ring.
 
     use crate::clock::Instant;
-    use core::convert::Infallible;
 
     /// The alarm of a thread. There is none: [`new`](Self::new) gives nothing.
     #[derive(Debug)]
-    pub struct Alarm {
-        never: Infallible,
-    }
+    pub enum Alarm {}
 
     impl Alarm {
         /// Gives nothing.
@@ -62,17 +59,17 @@ pub mod alarm {
 
         /// There is none to be armed.
         pub fn arm(&self, _deadline: Instant) {
-            match self.never {}
+            match *self {}
         }
 
         /// There is none to be disarmed.
         pub fn disarm(&self) {
-            match self.never {}
+            match *self {}
         }
 
         /// There is none to be asked.
         pub fn take_rung(&self) -> Option<Instant> {
-            match self.never {}
+            match *self {}
         }
     }
 }

@@ -3,90 +3,18 @@
 
 #[path = "../portable/boost.rs"]
 pub mod boost;
+#[path = "../portable/sync.rs"]
+#[allow(dead_code, reason = "the models use a part")]
+mod sync;
+
+use loom::sync as threads;
+pub(crate) use sync::futex;
+pub use sync::lock;
 
 pub(crate) mod clock {
     /// Time stands still in a model: deadlines never come.
     pub(crate) fn monotonic_nanos() -> u64 {
         0
-    }
-}
-
-pub(crate) mod futex {
-    //! A word to wait on, as a loom mutex and condition variable around a loom atomic.
-
-    use crate::clock::Instant;
-    use crate::futex::Waited;
-    use loom::sync::atomic::{AtomicU32, Ordering};
-    use loom::sync::{Condvar, Mutex};
-
-    /// A 32-bit word that threads can wait on.
-    #[derive(Debug)]
-    pub struct Futex {
-        word: AtomicU32,
-        lock: Mutex<()>,
-        changed: Condvar,
-    }
-
-    impl Futex {
-        /// A word that holds `value`.
-        pub fn new(value: u32) -> Self {
-            Self {
-                word: AtomicU32::new(value),
-                lock: Mutex::new(()),
-                changed: Condvar::new(),
-            }
-        }
-
-        /// The word itself.
-        pub fn word(&self) -> &AtomicU32 {
-            &self.word
-        }
-
-        /// Waits while the word holds `expected`.
-        pub fn wait(&self, expected: u32, _deadline: Instant) -> Waited {
-            let guard = self.lock.lock().unwrap();
-            if self.word.load(Ordering::SeqCst) == expected {
-                drop(self.changed.wait(guard).unwrap());
-            }
-            Waited::Woken
-        }
-
-        /// Wakes one waiting thread.
-        pub fn wake_one(&self) {
-            drop(self.lock.lock().unwrap());
-            self.changed.notify_one();
-        }
-
-        /// Wakes all waiting threads.
-        pub fn wake_all(&self) {
-            drop(self.lock.lock().unwrap());
-            self.changed.notify_all();
-        }
-    }
-}
-
-pub mod lock {
-    //! A plain mutex with the priority-inheriting lock's interface.
-
-    use loom::sync::{Mutex, MutexGuard};
-
-    /// Stands for the priority-inheriting lock.
-    #[derive(Debug)]
-    pub struct PiLock<T>(Mutex<T>);
-
-    /// Unlocks when dropped.
-    pub type PiGuard<'a, T> = MutexGuard<'a, T>;
-
-    impl<T> PiLock<T> {
-        /// An unlocked lock around `value`.
-        pub fn new(value: T) -> Self {
-            Self(Mutex::new(value))
-        }
-
-        /// Locks.
-        pub fn lock(&self) -> PiGuard<'_, T> {
-            self.0.lock().unwrap()
-        }
     }
 }
 
@@ -171,5 +99,38 @@ pub mod inside {
                 self.0.wait(1, Instant::NEVER);
             }
         }
+    }
+}
+
+pub mod spin {
+    //! Spinning, where the clock stands still: a few looks, since the continuation does not depend
+    //! on their number.
+
+    use crate::clock::Instant;
+    use core::cell::Cell;
+    use core::time::Duration;
+
+    loom::thread_local! {
+        static IS_ALLOWED: Cell<bool> = Cell::new(false);
+    }
+
+    /// The thread declares that its operations spin.
+    pub fn let_look() {
+        IS_ALLOWED.with(|looks| looks.set(true));
+    }
+
+    /// Whether the thread called [`let_look`].
+    pub fn is_allowed() -> bool {
+        IS_ALLOWED.with(Cell::get)
+    }
+
+    /// Looks once.
+    pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
+        is_over()
+    }
+
+    /// Looks twice.
+    pub fn until(mut is_over: impl FnMut() -> bool, _: Duration, _: Instant) -> bool {
+        is_over() || is_over()
     }
 }

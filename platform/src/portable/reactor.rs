@@ -2,13 +2,10 @@
 
 use crate::clock::Instant;
 use crate::reactor::{BorrowedFd, Ended, Interest, ReactorError, Readiness};
-use std::convert::Infallible;
 
 /// Waits for files. This backend cannot: [`new`](Self::new) always fails.
 #[derive(Debug)]
-pub struct Reactor {
-    never: Infallible,
-}
+pub enum Reactor {}
 
 impl Reactor {
     /// Fails.
@@ -26,7 +23,7 @@ impl Reactor {
     ///
     /// Cannot be called.
     pub fn register(&self, _: BorrowedFd<'_>, _: u64, _: Interest) -> Result<(), ReactorError> {
-        match self.never {}
+        match *self {}
     }
 
     /// There is no reactor to register with.
@@ -35,7 +32,7 @@ impl Reactor {
     ///
     /// Cannot be called.
     pub fn rearm(&self, _: BorrowedFd<'_>, _: u64, _: Interest) -> Result<(), ReactorError> {
-        match self.never {}
+        match *self {}
     }
 
     /// There is no reactor to register with.
@@ -44,7 +41,7 @@ impl Reactor {
     ///
     /// Cannot be called.
     pub fn deregister(&self, _fd: BorrowedFd<'_>) -> Result<(), ReactorError> {
-        match self.never {}
+        match *self {}
     }
 
     /// There is no reactor to wait in.
@@ -57,12 +54,12 @@ impl Reactor {
         _: Instant,
         _: &mut dyn FnMut(u64, Readiness),
     ) -> Result<Ended, ReactorError> {
-        match self.never {}
+        match *self {}
     }
 
     /// There is no reactor to wake.
     pub fn wake(&self) {
-        match self.never {}
+        match *self {}
     }
 }
 

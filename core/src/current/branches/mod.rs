@@ -219,10 +219,9 @@ impl Block {
                     self.is_waiting.store(false, Ordering::Relaxed);
                     wake_handle.take()
                 }
-                None => parent.as_ref().map_or(PendingWake::NONE, |wake_handle| {
-                    // SAFETY: `take_if` has found that it is not woken once.
-                    unsafe { wake_handle.wake_elsewhere() }
-                }),
+                None => parent
+                    .as_ref()
+                    .map_or(PendingWake::NONE, WakeHandle::wake_again),
             }
         };
         ready.wake();
