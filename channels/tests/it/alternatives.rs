@@ -470,7 +470,7 @@ fn an_alternative_without_an_open_guard_is_reported_as_stop() {
     let (_sender, receiver) = channel::<u32>();
     let stops = stage.spawn(ProcessSpec::new("stops").level(2), move || async move {
         alt! {
-            value = receiver.recv(), if receiver.buffered() > 0 => drop(value),
+            value = receiver.recv(), if receiver.buffered() > 0 => panic!("{value:?}"),
         }
     });
     let (stopped, other) = (stops.id(), stops.clone());
