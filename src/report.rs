@@ -45,7 +45,7 @@ pub use luna_machine::usage::ThreadUsage;
 pub use luna_replay::RecordReport;
 
 use crate::system::{ClockKind, Member};
-use crate::time::short;
+use crate::time::{how_to_find_out, short};
 use luna_core::Exit;
 use luna_error::Deadlock;
 use luna_machine::signals;
@@ -464,6 +464,13 @@ impl fmt::Display for Report {
             for cycle in one.late_cycles.iter().take(CYCLES_SHOWN) {
                 writeln!(f, "  {cycle}")?;
             }
+        }
+        let shown = self
+            .loops
+            .values()
+            .flat_map(|one| one.late_cycles.iter().take(CYCLES_SHOWN));
+        if let Some(line) = how_to_find_out(shown) {
+            writeln!(f, "{line}")?;
         }
         Ok(())
     }

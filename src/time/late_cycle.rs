@@ -167,6 +167,17 @@ impl fmt::Display for LateCause {
     }
 }
 
+/// What to switch on where a cause is unknown, if one of these cycles has none.
+pub(crate) fn how_to_find_out<'a>(
+    cycles: impl Iterator<Item = &'a LateCycle>,
+) -> Option<&'static str> {
+    let mut unknown = cycles.filter(|cycle| cycle.causes().is_empty());
+    unknown.next().map(|_| {
+        "to find an unknown cause: LUNA_LOG=run.luna LUNA_LOG_EVENTS=65536 records every turn for `luna scope run.luna`; \
+         `luna doctor` shows interrupts and idle states of the core; docs/budgets.md#causes-of-late-cycles"
+    })
+}
+
 impl fmt::Display for LateCycle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "slot {}: {} late", self.number, short(self.lateness))?;
@@ -237,6 +248,9 @@ mod tests {
         };
         assert_eq!(cycle.causes(), []);
         assert_eq!(cycle.to_string(), "slot 7: 10.00 ms late; cause unknown");
+        assert!(
+            how_to_find_out([&cycle].into_iter()).is_some_and(|line| line.contains("LUNA_LOG"))
+        );
     }
 
     #[test]

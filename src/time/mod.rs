@@ -42,7 +42,7 @@ mod timer;
 pub(crate) use accounting::{Accounting, UsageSince, short};
 pub use follower::{FollowState, Followed, Follower, LeaderTick};
 pub(crate) use late::Witness;
-pub(crate) use late_cycle::StolenTime;
+pub(crate) use late_cycle::{StolenTime, how_to_find_out};
 pub use luna_channels::{After, after, at};
 pub use luna_machine::tai::Synchronization;
 pub use luna_platform::clock::Instant;
