@@ -47,7 +47,7 @@ Usage: lab setup [--arm]
 
 Its files are in target/lab of the checkout, or in the folder LUNA_LAB.
 Exit codes of run: those of the commands; 124 out of time; 125 the guest did not end as it should.
-docs/laboratory.md says what the figures mean.";
+docs/internals/laboratory.md says what the figures mean.";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = env::args().skip(1).collect();

@@ -32,7 +32,7 @@ pub(crate) struct Recorded {
 
 const HEAD: &str = "\
 # Wake-up latencies in exact time, in µs. Written by `cargo run -p luna-lab -- exact record`;
-# docs/laboratory.md says what is measured, and when these figures may change.
+# docs/internals/laboratory.md says what is measured, and when these figures may change.
 ";
 
 /// Where it is, in the sources that this program was built from.
