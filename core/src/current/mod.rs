@@ -206,6 +206,7 @@ pub fn has_given_up() -> bool {
     has_flag(|thread| &thread.gives_up)
 }
 
+#[inline(always)]
 fn with_flag<R>(flag: fn(&Thread) -> &Cell<bool>, f: impl FnOnce() -> R) -> R {
     let before = THREAD.with(|thread| flag(thread).replace(true));
     let _restore = OnDrop::new(|| THREAD.with(|thread| flag(thread).set(before)));
@@ -213,7 +214,7 @@ fn with_flag<R>(flag: fn(&Thread) -> &Cell<bool>, f: impl FnOnce() -> R) -> R {
 }
 
 /// `false` also while the thread's locals are being torn down, which may drop channel ends.
-#[inline]
+#[inline(always)]
 fn has_flag(flag: fn(&Thread) -> &Cell<bool>) -> bool {
     THREAD
         .try_with(|thread| flag(thread).get())

@@ -1,6 +1,6 @@
 //! The turn of the current process on this thread.
 
-use super::branch::Branch;
+use super::branch::{Branch, lowered};
 use super::{
     ExecutorId, OPERATIONS_PER_POLL, Priority, Process, ProcessId, QueueEnd, THREAD, Thread, User,
     WakeHandle, count_operation, is_outranked, local, ready_again,
@@ -202,7 +202,7 @@ luna_platform::debug_fields!(PlainTurn<'_>, |turn| process: turn.process());
 #[derive(Clone, Copy)]
 pub struct Here<'a>(&'a Thread);
 
-impl<'a> Here<'a> {
+impl Here<'_> {
     /// The calling thread.
     #[inline(always)]
     pub fn now() -> Self {
@@ -218,26 +218,23 @@ impl<'a> Here<'a> {
     /// The current process, or none.
     #[inline(always)]
     pub fn user(self) -> User {
-        let process = self.process();
-        process.map_or(User::Outside, |process| User::Process(process.id()))
-    }
-
-    /// The current process, which is not kept: see [`process`].
-    #[inline(always)]
-    fn process(self) -> Option<&'a Process> {
-        // SAFETY: the process is live. `with_process` sets the pointer from a reference that lives
-        // until it restores the pointer before; `give_turn` requires that the process lives as long
-        // as the pointer is set. The functions of this module, which alone call this, pass the
-        // reference to no code that could keep it.
-        let process = self.0.process.get();
-        process.map(|process| unsafe { process.as_ref() })
+        match self.0.process.get() {
+            // SAFETY: as for `process`: it is live as long as it is the current one.
+            Some(process) => User::Process(unsafe { process.as_ref() }.id()),
+            None => User::Outside,
+        }
     }
 
     /// The priority of what runs here: see [`priority`].
     #[inline]
     pub fn priority(self) -> Priority {
         let lowered = self.0.branch.get().lowered();
-        let process = self.process();
+        // SAFETY: as for `process`: it is live as long as it is the current one.
+        let process = self
+            .0
+            .process
+            .get()
+            .map(|process| unsafe { process.as_ref() });
         process.map_or_else(Priority::default, |process| {
             process.lowered_priority(lowered)
         })
@@ -347,18 +344,26 @@ pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
 /// Calls `f` with the current process, if there is one.
 #[inline]
 pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {
-    f(Here::now().process())
+    let current = THREAD.with(|thread| thread.process.get());
+    // SAFETY: the process is live. `with_process` sets the pointer from a reference that lives
+    // until it restores the pointer before; `give_turn` requires that the process lives as long as
+    // the pointer is set. The closure cannot keep the reference.
+    f(current.map(|process| unsafe { process.as_ref() }))
 }
 
 /// The user of this thread: the current process, or [`User::Outside`].
 #[inline]
 pub fn user() -> User {
-    Here::now().user()
+    process(|process| process.map_or(User::Outside, |process| User::Process(process.id())))
 }
 
 /// The priority of the current process, or of the branch of it that is being polled; the lowest
 /// priority if there is none.
 #[inline]
 pub fn priority() -> Priority {
-    Here::now().priority()
+    process(|process| {
+        process
+            .map(|process| process.lowered_priority(lowered()))
+            .unwrap_or_default()
+    })
 }

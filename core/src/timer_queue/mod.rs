@@ -255,6 +255,13 @@ pub struct Sleep {
     _pinned: PhantomPinned,
 }
 
+/// What was found of a sleep that is armed.
+enum Armed {
+    Is(Poll<()>),
+    /// It was, on another thread, and is to be armed anew. The wake handle is not needed any more.
+    NotHere(Option<WakeHandle>),
+}
+
 // SAFETY: a node in a heap is accessed under the heap's lock alone, on any thread; `fired` is
 // atomic.
 unsafe impl Send for Sleep {}
@@ -327,21 +334,22 @@ impl Sleep {
         unsafe { self.get_unchecked_mut() }
     }
 
-    /// Polls one that was armed. `Err`: it was, on another thread, and is to be armed anew; the wake
-    /// handle is not needed any more.
-    fn poll_armed(&mut self, cx: &Context<'_>) -> Result<Poll<()>, Option<WakeHandle>> {
-        if self.take_fired() {
-            self.deadline = Instant::from_nanos(0);
-            return Ok(Poll::Ready(()));
-        }
+    /// Polls one that was armed.
+    fn poll_armed(&mut self, cx: &Context<'_>) -> Armed {
         let node = self.node();
+        // SAFETY: it was armed, so there is a node.
+        if unsafe { Heap::has_fired(node) } {
+            self.armed = false;
+            self.deadline = Instant::from_nanos(0);
+            return Armed::Is(Poll::Ready(()));
+        }
         let Some(queue) = &self.queue else {
-            return Ok(Poll::Pending);
+            return Armed::Is(Poll::Pending);
         };
         if TimerQueue::is_left_here(queue) {
             // A deadline belongs to the thread that polls it: the thread of the other queue may
             // have ended.
-            return Err(self.disarm());
+            return Armed::NotHere(self.disarm());
         }
         let mut renewal = Renewal::of(cx);
         renewal.put(|renewal| {
@@ -349,35 +357,7 @@ impl Sleep {
             unsafe { queue.heap.lock().renew(node, renewal) };
         });
         events::waits_for_other();
-        Ok(Poll::Pending)
-    }
-
-    /// Whether it was armed and has fired; asked once.
-    fn take_fired(&mut self) -> bool {
-        // SAFETY: it is armed, so there is a node.
-        let has_fired = self.armed && unsafe { Heap::has_fired(self.node()) };
-        self.armed &= !has_fired;
-        has_fired
-    }
-
-    /// Arms it in its queue, pinned, while it is not armed; returns whether it is: not if the queue
-    /// is closed.
-    fn arm(&mut self, wake_handle: Option<WakeHandle>, number: u32) -> bool {
-        if let Some(queue) = &self.queue {
-            // SAFETY: there is no node in a heap, so only this sleep uses the room for it; it is
-            // pinned, and the node leaves the heap before it is freed.
-            self.armed = unsafe { queue.arm(self.node(), self.deadline, wake_handle, number) };
-        }
-        self.armed
-    }
-
-    /// Takes it out of its queue: its wake handle, if it was armed and has not fired.
-    fn withdraw(&mut self) -> Option<Option<WakeHandle>> {
-        if !core::mem::take(&mut self.armed) {
-            return None;
-        }
-        // SAFETY: it was armed in this queue, and is withdrawn once.
-        unsafe { self.queue.as_ref()?.withdraw(self.node()) }
+        Armed::Is(Poll::Pending)
     }
 
     /// Before it goes.
@@ -392,11 +372,12 @@ impl Sleep {
     /// Returns its wake handle, if there is one.
     #[must_use = "its drop is user code, and the caller's last step"]
     fn disarm(&mut self) -> Option<WakeHandle> {
-        if !self.armed {
+        if !core::mem::take(&mut self.armed) {
             return None;
         }
         events::waits_no_more(|| None);
-        self.withdraw().flatten()
+        // SAFETY: it was armed in this queue, and is disarmed once.
+        unsafe { self.queue.as_ref()?.withdraw(self.node()) }.flatten()
     }
 }
 
@@ -435,8 +416,8 @@ impl Sleep {
         let mut _former = None;
         if this.armed {
             match this.poll_armed(cx) {
-                Ok(polled) => return polled,
-                Err(former) => _former = former,
+                Armed::Is(polled) => return polled,
+                Armed::NotHere(former) => _former = former,
             }
         }
         let now = Instant::now();
@@ -455,8 +436,14 @@ impl Sleep {
         if this.queue.as_ref().is_none_or(TimerQueue::is_left_here) {
             this.queue = Some(current::timers().unwrap_or_else(refuse));
         }
-        if !this.arm(Some(WakeHandle::of(cx)), 0) {
-            return Poll::Ready(());
+        if let Some(queue) = &this.queue {
+            let wake_handle = WakeHandle::of(cx);
+            // SAFETY: there is no node in a heap, so only this sleep uses the room for it; it is
+            // pinned, and the node leaves the heap before it is freed.
+            this.armed = unsafe { queue.arm(this.node(), this.deadline, Some(wake_handle), 0) };
+            if !this.armed {
+                return Poll::Ready(());
+            }
         }
         events::waits_for_other();
         Poll::Pending

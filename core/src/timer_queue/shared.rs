@@ -119,7 +119,7 @@ impl TimerQueue {
 ///
 /// # Invariants
 ///
-/// The sleep has its queue while it is armed, and no wake handle.
+/// The sleep has its queue while it is armed, and no other time. Its node has no wake handle.
 #[derive(Debug)]
 pub struct Deadline(Pin<Box<Sleep>>);
 
@@ -135,26 +135,30 @@ impl Deadline {
     pub fn arm(&mut self, queue: &Arc<TimerQueue>, number: u32, at: Instant) {
         self.disarm();
         let sleep = self.0.as_mut().in_place();
-        sleep.deadline = at;
-        sleep.queue = Some(queue.clone());
-        if !sleep.arm(None, number) {
-            sleep.queue = None;
-        }
+        // SAFETY: no node is in a heap by `disarm`; the sleep is pinned, and the node leaves the
+        // heap before it is freed.
+        sleep.armed = unsafe { queue.arm(sleep.node(), at, None, number) };
+        sleep.queue = sleep.armed.then(|| queue.clone());
     }
 
     /// Disarms it; returns whether it was armed, and has not been taken as due. O(log n).
     pub fn disarm(&mut self) -> bool {
         let sleep = self.0.as_mut().in_place();
-        let was_armed = sleep.withdraw().is_some();
-        sleep.queue = None;
-        was_armed
+        sleep.armed = false;
+        let Some(queue) = sleep.queue.take() else {
+            return false;
+        };
+        // SAFETY: the queue was there, so by the invariant there is a node, which was armed in it.
+        unsafe { queue.withdraw(sleep.node()) }.is_some()
     }
 
     /// Whether it was taken as due since it was armed; asked once.
     pub fn take_fired(&mut self) -> bool {
         let sleep = self.0.as_mut().in_place();
-        let has_fired = sleep.take_fired();
+        // SAFETY: the queue is there, so by the invariant there is a node.
+        let has_fired = sleep.queue.is_some() && unsafe { Heap::has_fired(sleep.node()) };
         if has_fired {
+            sleep.armed = false;
             sleep.queue = None;
         }
         has_fired
