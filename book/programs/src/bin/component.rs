@@ -42,6 +42,7 @@ fn main() -> luna::Result<()> {
     let servo = system.executor("servo").policy(Policy::fifo(80)).build()?;
     let (measured, angle) = luna::channel();
     let (duty, driven) = luna::channel();
+    let (measured, duty) = (measured.named("angle"), duty.named("duty"));
 
     let axis = servo.process("axis").priority(20);
     let gain = axis.parameter("axis/gain", 4.0).range(0.0..=50.0);

@@ -61,10 +61,14 @@ fn blocks() -> luna::Result<Chain> {
 
 // ANCHOR: system
 fn main() -> luna::Result<()> {
-    let register = || luna::buffered::<f64>(Buffer::overwrite_oldest(1));
-    let ((measured, raw), (safe, duties)) = (register(), register());
-    let ((to_control, angles), (to_safety, feedback)) = (register(), register());
+    let newest = |name: &str| {
+        let (sender, receiver) = luna::buffered::<f64>(Buffer::overwrite_oldest(1));
+        (sender.named(name), receiver)
+    };
+    let ((measured, raw), (safe, duties)) = (newest("measured"), newest("safe duty"));
+    let ((to_control, angles), (to_safety, feedback)) = (newest("angle"), newest("feedback"));
     let (asked, wanted) = luna::channel();
+    let asked = asked.named("wanted duty");
 
     let mut system = System::new("axis");
     system.virtual_clock();

@@ -31,6 +31,7 @@ fn describe(system: &mut System) -> luna::Result<()> {
     let fast = system.executor("fast").policy(Policy::fifo(80)).build()?;
     let console = system.thread("console");
     let (setpoint, setpoints) = luna::buffered(Buffer::overwrite_oldest(1));
+    let setpoint = setpoint.named("set-point");
 
     let servo = fast.process("servo").priority(20);
     let position = servo.signal("servo/position").unit("m").register()?;

@@ -20,6 +20,7 @@ fn main() -> luna::Result<()> {
     let fast = system.executor("fast").policy(Policy::fifo(80)).build()?;
     let console = system.thread("console"); // one process, which may block
     let (setpoint, setpoints) = luna::buffered(Buffer::overwrite_oldest(1));
+    let setpoint = setpoint.named("set-point");
 
     fast.process("control").priority(20).spawn(async move {
         let mut tick = luna::periodic("control", Duration::from_millis(1))?;
