@@ -136,15 +136,16 @@ export class Picture {
     this.version = -1;
     this.place.replaceChildren();
     if (!text) return false;
-    const source = new DOMParser().parseFromString(text, "image/svg+xml").documentElement;
+    // The drawing of a model has the page's colours, and its style sheet would be refused as it is read.
+    const dark = /<style id="dark">[^<]*<\/style>/;
+    this.isDrawing = dark.test(text);
+    const source = new DOMParser().parseFromString(text.replace(dark, ""), "image/svg+xml").documentElement;
     if (source.localName !== "svg" || source.namespaceURI !== SVG || source.querySelector("parsererror")) {
       this.problems.push("The picture is no SVG that can be read.");
       return true;
     }
     this.left = MOST_ELEMENTS;
     this.dropped = new Set();
-    // The drawing of a model has the page's colours.
-    this.isDrawing = source.querySelector("style#dark") !== null;
     const svg = this.copy(source, 0);
     // As large as there is room, with its own proportions.
     const [width, height] = ["width", "height"].map((name) => parseFloat(svg.getAttribute(name)));
