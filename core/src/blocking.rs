@@ -248,10 +248,11 @@ where
     F: FnOnce() -> T + Send + 'static,
     T: Send + 'static,
 {
-    // Ends after the wake, also if the call's result panics as it is dropped.
-    let mut under_way = UnderWay::begin();
-    let running = Unanswered(running);
+    let (under_way, running) = (UnderWay::begin(), Unanswered(running));
     Box::new(move || {
+        // What is mentioned first is dropped first: the call is under way until its process is
+        // woken, also if the job is dropped, or the result panics as it is.
+        let (running, call, mut under_way) = (running, call, under_way);
         let result = {
             let _clock = under_way.clock().enter();
             catch_unwind(AssertUnwindSafe(call))

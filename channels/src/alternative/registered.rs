@@ -31,6 +31,7 @@ pub use recv::AlternativeRecv;
 
 use super::ready_set::ReadySet;
 use crate::error::RecvError;
+use crate::inspect;
 use crate::receiver::Receiver;
 use crate::replay;
 use crate::select_state::SelectState;
@@ -405,6 +406,10 @@ impl<'a, T> Alternative<'a, T> {
         if crate::fails_later(cx) {
             self.state = State::Fails(index, error);
             return Poll::Pending;
+        }
+        if let Some(entry) = self.entries[index] {
+            let wait_point = entry.channel().wait_point();
+            inspect::note_failure(wait_point, false, error.is_poisoned());
         }
         Poll::Ready((index, Err(error)))
     }

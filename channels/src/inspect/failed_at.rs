@@ -99,14 +99,19 @@ pub(crate) fn note(wait_point: &WaitPoint, sends: bool, poisoned: bool) {
     if user == User::Outside {
         return;
     }
-    let lists = wait_point.lock_briefly();
-    let partner = if sends {
-        &lists.receiver
+    // In a failed branch it is no matter of the channel, the lock of which may be another
+    // executor's.
+    let partner = if poisoned && current::branch_failed() {
+        None
     } else {
-        &lists.sender
+        let lists = wait_point.lock_briefly();
+        let partner = if sends {
+            &lists.receiver
+        } else {
+            &lists.sender
+        };
+        partner.get()
     };
-    let partner = partner.get();
-    drop(lists);
     LAST.set(Some(FailedAt {
         user,
         sends,

@@ -5,6 +5,7 @@ use super::{Direction, GivesUp, Operation, Phase, Receiving, Sending};
 use crate::error::Ended;
 use crate::extended::Releasing;
 use crate::in_place::InPlace;
+use crate::inspect;
 use crate::replay::{self, GiveUp, Logged, Stage};
 use crate::source::InNode;
 use crate::waiter::{Outcome, Waiter};
@@ -78,6 +79,7 @@ impl<'a, T, D: Direction<T>> Logged for Operation<'a, T, D> {
     fn fail(&mut self, number: u64) -> Poll<<Self as Logged>::Output> {
         self.phase = Phase::Over;
         let poisoned = number == replay::failure::POISONED;
+        inspect::note_failure(self.channel().wait_point(), D::SEND, poisoned);
         // SAFETY: it is over, as its log has it, and was never listed.
         Poll::Ready(Err(unsafe { D::failed(self, poisoned) }))
     }

@@ -100,7 +100,6 @@ impl Shared {
         self.settled.wake_all();
     }
 
-    /// One that is held, on a thread of its own or on a stage's.
     /// Takes in what came from other threads: new processes, and wakes that are not less urgent
     /// than the processes that are ready here; before its release all of them, since a signal that
     /// is left would keep the thread from its sleep. From then on the thread is on the real-time
@@ -125,6 +124,7 @@ impl Shared {
         }
     }
 
+    /// One that is held, on a thread of its own or on a stage's.
     pub(super) fn new(
         thread_priority: u8,
         registry: Arc<ProcessRegistry>,

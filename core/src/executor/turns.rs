@@ -65,6 +65,8 @@ pub(super) fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
         shared.take_in();
     }
     current::set_on_path(false);
+    // A held executor is not told of arrivals: one that is stopped now builds and cancels them.
+    shared.build_arrivals();
     #[cfg(feature = "std")]
     let before = processor_time();
     // Not through the `Arc`, which would be read at each turn.
