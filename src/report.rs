@@ -98,8 +98,8 @@ pub struct Report {
     /// What became of the others, if there were more than the system
     /// [remembers](crate::System::remember_ended).
     pub earlier: EarlierProcesses,
-    /// The channels at which processes have ended, since an operation found them closed or poisoned:
-    /// the first 64.
+    /// The channels at which processes have ended, since an operation found them closed or
+    /// poisoned: the first 64.
     pub ended_at: Vec<EndedAt>,
     /// The periodic loops, by their names.
     pub loops: BTreeMap<String, LoopReport>,

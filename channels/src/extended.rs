@@ -199,8 +199,8 @@ impl<T: fmt::Debug> fmt::Debug for Extended<'_, T> {
     }
 }
 
-/// Holds the sender of a value until it is dropped: see [`Extended::hold`]. The drop is O(1),
-/// allocates nothing, and may be on the real-time path.
+/// Holds the sender of a value until it is dropped: see [`Extended::hold`]. The drop is
+/// O(senders that are held), allocates nothing, and may be on the real-time path.
 #[must_use = "the sender goes on when this is dropped"]
 pub struct Held<'a, T> {
     end: &'a End<T>,

@@ -65,8 +65,8 @@ impl WaitPointKind {
     }
 }
 
-/// What tells the wait points apart that are made at one place, as by a function that is called
-/// several times: nothing of the first one.
+/// The number of a wait point among those that are made in one line, as by a function that is called
+/// several times. The first one is shown without it.
 pub(crate) struct Nth(pub(crate) u16);
 
 impl fmt::Display for Nth {

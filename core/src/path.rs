@@ -67,8 +67,8 @@ mod watched {
 
     /// A watcher of the path.
     pub trait Watcher: Sync {
-        /// This thread enters or leaves the path. Called on the thread itself, while it counts as off
-        /// the path.
+        /// This thread enters or leaves the path. Called on the thread itself, while it counts as
+        /// off the path.
         fn switched(&self, on_path: bool);
     }
 

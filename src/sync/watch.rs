@@ -133,7 +133,8 @@ impl<T: Copy + Send + 'static> Watch<T> {
     }
 }
 
-/// The lock was obtained. The value is whole also if its last holder has died: a holder only copies.
+/// The lock was obtained. The value is whole also if its last holder has died: a holder only
+/// copies.
 fn held<'a, T>(locked: Result<MutexGuard<'a, T>, LockError<'a, T>>) -> Result<MutexGuard<'a, T>> {
     match locked {
         Ok(held) => Ok(held),

@@ -494,9 +494,9 @@ impl System {
     ///
     /// # Errors
     ///
-    /// A process whose body returns [`Error::Closed`](crate::Error::Closed) has ended in order, and is
-    /// no error: its partners have ended ([`Report::ended_at`] names the channels). With any error of
-    /// a run on the machine's clock, the report is printed on standard error, and
+    /// A process whose body returns [`Error::Closed`](crate::Error::Closed) has ended in order, and
+    /// is no error: its partners have ended ([`Report::ended_at`] names the channels). With any
+    /// error of a run on the machine's clock, the report is printed on standard error, and
     /// [`report`](Self::report) returns it.
     ///
     /// A [`SetupError`] if the system cannot be started (also if a signal comes while a file does

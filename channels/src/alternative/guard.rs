@@ -126,9 +126,9 @@ impl Terms {
 /// # Safety
 ///
 /// The wait point and the stamp of its terms outlive the guard, and its plain node is its own; one
-/// with a plain node has both. A guard that is dropped while it is listed takes its node off the list. The default methods suit a
-/// guard without a wait point. One that has a wait point brings its own `list`, `withdraw` and
-/// `poll_chosen`.
+/// with a plain node has both. A guard that is dropped while it is listed takes its node off the
+/// list. The default methods suit a guard without a wait point. One that has a wait point brings
+/// its own `list`, `withdraw` and `poll_chosen`.
 pub unsafe trait RawGuard {
     /// What is to be considered. The same in all calls.
     fn terms(&self) -> Terms;
@@ -226,7 +226,7 @@ pub unsafe trait RawGuard {
     ///
     /// # Safety
     ///
-    /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled. The
-    /// node was begun.
+    /// As for `withdraw`: its alternative calls this, and the guard's own future was not polled.
+    /// The node was begun.
     unsafe fn note_begun(self: Pin<&mut Self>) {}
 }

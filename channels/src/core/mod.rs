@@ -338,7 +338,8 @@ impl<T> Channel<T> {
         locked.lists.find_whether_plain();
     }
 
-    /// Wakes the registered alternatives that have a report, without the lock. O(their number).
+    /// Wakes the registered alternatives that have a report, without the lock. O(registered
+    /// alternatives) for each of them.
     #[inline]
     pub(crate) fn ring(&self) {
         if self.rings.load(Ordering::Relaxed) {

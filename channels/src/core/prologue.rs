@@ -147,8 +147,8 @@ fn nodes_of<const SEND: bool>(
 ///
 /// # Safety
 ///
-/// The lock of `wait_point` is held. `node` is that of a new plain operation of this side there. The
-/// partner waited for one, and is not settled.
+/// The lock of `wait_point` is held. `node` is that of a new plain operation of this side there.
+/// The partner waited for one, and is not settled.
 #[inline(always)]
 unsafe fn move_value<const SEND: bool>(
     wait_point: &WaitPoint,
@@ -480,8 +480,8 @@ fn give_way(turn: PlainTurn<'_>) -> FastPath {
 ///
 /// # Safety
 ///
-/// The lock of `wait_point`, of a live channel, was kept, and is not taken back elsewhere. `node` is
-/// that of a new plain operation of this side there, and a partner waits alone for it.
+/// The lock of `wait_point`, of a live channel, was kept, and is not taken back elsewhere. `node`
+/// is that of a new plain operation of this side there, and a partner waits alone for it.
 #[inline(always)]
 pub(crate) unsafe fn meet_alone(
     wait_point: &WaitPoint,

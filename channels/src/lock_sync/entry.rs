@@ -233,15 +233,13 @@ impl Core {
     /// the holder, if its boost changes by that. O(waiters).
     fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
         let mut locked = self.lock();
-        if !locked
-            .waiting()
-            .nodes()
-            .any(|node| Entry::of(node) == entry)
-        {
-            return None;
-        }
+        // By the list's own pointer: another entry may lie where this one was.
+        let listed = {
+            let mut waiting = locked.waiting().nodes().map(Entry::of);
+            waiting.find(|one| *one == entry)?
+        };
         // SAFETY: its node is in the list.
-        unsafe { locked.requeue(entry) };
+        unsafe { locked.requeue(listed) };
         locked.boost_holder().map(|changed| changed.inheritor)
     }
 }

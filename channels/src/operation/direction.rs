@@ -178,8 +178,8 @@ impl<T, S: Source<T>> Direction<T> for Sending<S> {
 
     unsafe fn failed(send: &mut SendOp<'_, T, S>, poisoned: bool) -> Self::Failure {
         SendError {
-            // SAFETY: the send failed, as is demanded here, so the value is still here, and no other thread knows the
-            // node any more.
+            // SAFETY: the send failed, as is demanded here, so the value is still here, and no
+            // other thread knows the node any more.
             value: unsafe { S::unsent(send.node()) },
             poisoned,
         }

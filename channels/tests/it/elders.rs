@@ -1,7 +1,7 @@
 //! Situations that the tests of other systems cover, and no other test here: crossbeam-channel's
 //! suites of selection (`select.rs`, `select_macro.rs`, `same_channel.rs`, `ready.rs`), Go's
-//! (`runtime/chan_test.go`, `test/chan`), and JCSP's tests and demonstrations. Each says which one it
-//! is there.
+//! (`runtime/chan_test.go`, `test/chan`), and JCSP's tests and demonstrations. Each says which one
+//! it is there.
 
 #![cfg(not(loom))]
 

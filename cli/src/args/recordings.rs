@@ -88,7 +88,8 @@ pub(crate) struct Selection {
 /// What a recording can be made to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Format {
-    /// A row for each cycle or instant, a column for each signal; messages and events in files beside it
+    /// A row for each cycle or instant, a column for each signal; messages and events in files
+    /// beside it
     Csv,
     /// For Foxglove, Lichtblick and PlotJuggler
     #[cfg(feature = "mcap")]

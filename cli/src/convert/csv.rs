@@ -3,8 +3,8 @@
 //!
 //! Times are seconds from the recording's first time. Where loops were recorded a row is a cycle:
 //! what was sampled from its begin to that of the next, the last value of each signal. Elsewhere it
-//! is what was sampled at one instant. A signal that was not sampled leaves its column empty, or holds
-//! its last value, if that is asked for. Messages and events go to files beside it.
+//! is what was sampled at one instant. A signal that was not sampled leaves its column empty, or
+//! holds its last value, if that is asked for. Messages and events go to files beside it.
 
 use super::recording::each;
 use super::selection::Filter;

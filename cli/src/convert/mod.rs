@@ -1,8 +1,9 @@
 //! `luna convert`: a recording in formats that other programs read, or several in one trace.
 //!
 //! `recording` reads it, `selection` leaves out what was not asked for, `clocks` makes the times
-//! of several recordings those of one clock, `csv`, `mcap` and `perfetto` write. What events mean is known to `luna_logger::format::Names`. Each holds in memory what the
-//! signals are, and a bounded number of samples.
+//! of several recordings those of one clock, `csv`, `mcap` and `perfetto` write. What events mean
+//! is known to `luna_logger::format::Names`. Each holds in memory what the signals are, and a
+//! bounded number of samples.
 
 mod activity;
 mod clocks;

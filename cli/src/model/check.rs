@@ -26,8 +26,8 @@ pub(crate) struct Arguments {
     /// Look at so many states at most [default: what the model states, or 2 000 000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     max_states: Option<u32>,
-    /// Use so much memory for the states at most: bytes, or with K, M or G [default: half of what is
-    /// free, of the machine, its control groups and limits]
+    /// Use so much memory for the states at most: bytes, or with K, M or G [default: half of what
+    /// is free, of the machine, its control groups and limits]
     #[arg(long, value_name = "SIZE", value_parser = size)]
     max_memory: Option<u64>,
     /// Let SPIN check it too: deadlocks, assertions, and the LTL properties of the model; needs

@@ -244,12 +244,6 @@ impl WakeHandle {
         PlainPendingWake::of_plain_turn(turn).into()
     }
 
-    /// Whether [`take_plain`](Self::take_plain) would take it.
-    #[inline(always)]
-    pub fn is_plain(wake_handle: &Option<WakeHandle>) -> bool {
-        matches!(wake_handle, Some(WakeHandle(Inner::Process(_))))
-    }
-
     /// Takes out a handle that wakes a process without a waker; `None` for any other handle, which
     /// stays. One word is moved.
     ///
@@ -339,7 +333,8 @@ impl WakeHandle {
         }
     }
 
-    /// Readies the process, or returns a wake for one that is not [woken once](Self::is_woken_once).
+    /// Readies the process, or returns a wake for one that is not [woken
+    /// once](Self::is_woken_once).
     pub(super) fn wake_again(&self) -> PendingWake {
         match &self.0 {
             // The waker of a parker: no user code.

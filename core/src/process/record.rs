@@ -26,8 +26,8 @@ use luna_platform::sync::plain::{AtomicPtr, Ordering};
 ///
 /// # Invariants
 ///
-/// The executor's thread writes `slot`, once, under the lock `shown`, as the process is built. It is
-/// read on that thread, or by code that has a waker or has seen under the lock that it is there.
+/// The executor's thread writes `slot`, once, under the lock `shown`, as the process is built. It
+/// is read on that thread, or by code that has a waker or has seen under the lock that it is there.
 pub(super) struct Record {
     /// Frees the memory that the process lies in.
     pub(super) retired: Retired,

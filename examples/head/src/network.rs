@@ -24,7 +24,8 @@
 //! Only newest values come from vision and go to it. So motion control never waits for vision,
 //! whatever it does. No value goes in a circle of rendezvous, so there is no deadlock.
 //!
-//! **The end.** The machine ends after its time. Each other process ends when its inputs are closed.
+//! **The end.** The machine ends after its time. Each other process ends when its inputs are
+//! closed.
 
 mod apart;
 

@@ -1,5 +1,5 @@
-//! Runs programs under PREEMPT_RT kernels in QEMU, for amd64 and arm64, and measures what LUNA costs
-//! there, exactly.
+//! Runs programs under PREEMPT_RT kernels in QEMU, for amd64 and arm64, and measures what LUNA
+//! costs there, exactly.
 
 mod arch;
 mod archive;

@@ -91,8 +91,8 @@ impl fmt::Debug for Target {
 }
 
 impl Logging {
-    /// Into a new file. What is there stays: if the name is taken, also by a program that records to
-    /// it now, the recording goes to the first free one of `run-2.luna`, `run-3.luna` and so on,
+    /// Into a new file. What is there stays: if the name is taken, also by a program that records
+    /// to it now, the recording goes to the first free one of `run-2.luna`, `run-3.luna` and so on,
     /// which the report names. A name that ends in `.replay` is refused when the recording begins:
     /// that is a replay log.
     pub fn to_file(path: impl Into<PathBuf>) -> Self {
@@ -427,9 +427,9 @@ impl Recorder {
         self.finish_unless(|| false)
     }
 
-    /// As [`finish`](Self::finish); once it `is_hurried`, the sink gets a twentieth of a second more.
-    /// What it has not taken by then is lost and counted, and its thread is detached. For a program
-    /// that is asked to end meanwhile. `is_hurried` is asked every few milliseconds.
+    /// As [`finish`](Self::finish); once it `is_hurried`, the sink gets a twentieth of a second
+    /// more. What it has not taken by then is lost and counted, and its thread is detached. For a
+    /// program that is asked to end meanwhile. `is_hurried` is asked every few milliseconds.
     ///
     /// ```
     /// use luna_logger::{Hub, Logging, Recorder};

@@ -1,7 +1,7 @@
 //! Where boxes go: each group by itself, the innermost first, by the method of Sugiyama.
 //!
-//! `rust-sugiyama` takes graphs without circles and double edges. An arrow that would close a circle
-//! is left out of the layout, and drawn all the same.
+//! `rust-sugiyama` takes graphs without circles and double edges. An arrow that would close a
+//! circle is left out of the layout, and drawn all the same.
 //!
 //! What the file places is where it says; what it does not place is laid out as if nothing were.
 

@@ -76,8 +76,8 @@ pub(super) struct Groups<'a> {
     pub(super) of: Vec<usize>,
 }
 
-/// So many processes in one box are too many to be told apart: those whose names differ in their last
-/// word alone are put together.
+/// So many processes in one box are too many to be told apart: those whose names differ in their
+/// last word alone are put together.
 const MANY: usize = 12;
 
 /// The groups of the model, and those of names.

@@ -137,8 +137,8 @@ fn circle(area: &Area) -> (String, Point) {
     (path, (right, y))
 }
 
-/// The head of an arrow that comes to a point from the direction of another: two strokes, so that it
-/// is part of the line.
+/// The head of an arrow that comes to a point from the direction of another: two strokes, so that
+/// it is part of the line.
 fn head(from: Point, tip: Point) -> String {
     const LENGTH: f64 = 7.0;
     let (dx, dy) = (from.0 - tip.0, from.1 - tip.1);

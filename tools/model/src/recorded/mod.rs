@@ -47,8 +47,8 @@ pub struct RecordedChannel {
     pub buffer: Option<String>,
     /// How many values it held at most, if it overwrites none. 0: senders and receivers met.
     pub held: usize,
-    /// The least size of an overwriting buffer with which all receives find a value. 0 if that is not
-    /// known: then `held` is the capacity.
+    /// The least size of an overwriting buffer with which all receives find a value. 0 if that is
+    /// not known: then `held` is the capacity.
     pub least: usize,
     /// What sent, by the places of the processes. None: what is outside of the system.
     pub senders: BTreeSet<Option<usize>>,
